@@ -1,0 +1,5 @@
+"""`python -m millcal`."""
+
+from millcal.cli import main
+
+main()

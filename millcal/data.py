@@ -1,0 +1,308 @@
+"""The records that travel between the stages: frozen, SI inside, float64 or complex128, leading axis first.
+
+Shape, unit and axis names of an array are declared once, on its field; they serve the constructor's check, the attributes
+in the HDF5 file and the reader. A record never loads or saves itself, and whatever a report draws is in the record: a
+report computes nothing that a stage did not save.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal, Protocol
+
+import numpy as np
+
+from millcal.physics.cutter import Cutter, CuttingConditions
+
+AXES = ("x", "y", "z")
+
+
+def array(unit: str, *dims: str, optional: bool = False) -> Any:
+    """Declare a field that holds an array: its SI unit and the names of its axes."""
+    metadata = {"unit": unit, "dims": dims}
+    return field(metadata=metadata, default=None) if optional else field(metadata=metadata)
+
+
+class Record:
+    """Base of the records: checks that the axes agree, then makes the arrays read-only."""
+
+    def __post_init__(self) -> None:
+        lengths: dict[str, int] = {}
+        for f in fields(self):  # type: ignore[arg-type]
+            if "dims" not in f.metadata or getattr(self, f.name) is None:
+                continue
+            value = getattr(self, f.name)
+            dims = f.metadata["dims"]
+            if not hasattr(value, "read_block"):  # an array on disk stays there
+                value = np.asarray(value).view()
+                value.flags.writeable = False
+                object.__setattr__(self, f.name, value)
+            if len(value.shape) != len(dims):
+                raise ValueError(f"{type(self).__name__}.{f.name} has axes {dims}, got {value.shape=}")
+            for dim, length in zip(dims, value.shape, strict=True):
+                if lengths.setdefault(dim, length) != length:
+                    raise ValueError(f"{type(self).__name__}.{f.name}: {dim} is {length} here, {lengths[dim]} before")
+
+
+class SamplesOnDisk(Protocol):
+    """Samples too many for the memory: a shape, and a block at a time in SI units."""
+
+    shape: tuple[int, int]
+
+    def read_block(self, start: int, stop: int) -> np.ndarray:
+        """Samples start..stop of all channels.   returns (channel, stop - start)"""
+        ...
+
+
+@dataclass(frozen=True)
+class Notice:
+    """Something the user should know, that does not stop the work."""
+
+    code: str  # short and stable, for scripts: "axis-swap", "rows-against-header"
+    message: str  # one sentence: what, and what to do
+    where: str = ""  # file, cut or key
+
+
+@dataclass(frozen=True)
+class Channel:
+    """What one row of `Recording.samples` measures, in the SI unit of its quantity."""
+
+    name: str
+    quantity: str  # force, acceleration, velocity, displacement, angle, pulse, sound_pressure
+    unit: str  # SI: N, m/s^2, m/s, m, rad, 1, Pa
+    dof: str  # point and direction: tipX
+    full_scale: float | None = None  # input range in `unit`, for overload
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Recording(Record):
+    """One file of samples: a cut, an impact test or an air cut. Forces are the forces on the tool."""
+
+    samples: np.ndarray | SamplesOnDisk = array("SI of each channel", "channel", "sample")
+    sample_rate: float  # Hz
+    channels: tuple[Channel, ...]
+    kind: Literal["cut", "impact", "air"] = "cut"
+    name: str = ""  # file it came from, for messages
+    segments: np.ndarray | None = array("sample", "segment", "start and length", optional=True)  # int64
+    start_time: float = 0.0  # s, the time column's first value
+    cutter: Cutter | None = None
+    conditions: CuttingConditions | None = None
+    steady: tuple[float, float] | None = None  # s after the first sample
+    air: tuple[tuple[float, float], ...] | None = None  # s after the first sample
+    notices: tuple[Notice, ...] = ()
+
+    @property
+    def duration(self) -> float:
+        """s"""
+        return self.samples.shape[1] / self.sample_rate
+
+    def block(self, start: int, stop: int) -> np.ndarray:
+        """Samples start..stop of all channels, from memory or from disk.   returns (channel, stop - start)"""
+        if hasattr(self.samples, "read_block"):
+            return self.samples.read_block(start, stop)
+        return self.samples[:, start:stop]
+
+    def blocks(self, size: int = 1 << 20) -> Iterator[tuple[int, np.ndarray]]:
+        """All samples in blocks of `size`: (index of the first sample, (channel, size))."""
+        for start in range(0, self.samples.shape[1], size):
+            yield start, self.block(start, min(start + size, self.samples.shape[1]))
+
+    def rows_of(self, quantity: str) -> list[int]:
+        """Indices of the channels that measure a quantity, in channel order."""
+        return [row for row, channel in enumerate(self.channels) if channel.quantity == quantity]
+
+    def force_rows(self) -> list[int]:
+        """Indices of the force channels in x, y, z of the tool, found by the last letter of their dof; -1 where missing."""
+        rows = {self.channels[row].dof[-1:].lower(): row for row in self.rows_of("force")}
+        return [rows.get(axis, -1) for axis in AXES]
+
+
+@dataclass(frozen=True)
+class AsynchronousPeak:
+    """A line of the spectrum that is no harmonic of the spindle: chatter, a resonance, mains."""
+
+    axis: str
+    frequency: float  # Hz
+    amplitude: float  # N
+    exceeds: float  # times the local median amplitude
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CutForce(Record):
+    """A conditioned cut: its force synchronous with the spindle, and what does not follow the spindle.
+
+    F(t) = Re sum_k harmonics[:, k] exp(j k theta(t)), theta = 2 pi spindle_frequency t + phase; harmonic 0 is the mean.
+    """
+
+    name: str
+    cutter: Cutter
+    conditions: CuttingConditions
+    harmonics: np.ndarray = array("N", "axis", "harmonic")  # complex
+    harmonics_variance: np.ndarray = array("N^2", "axis", "harmonic")  # E|error|^2, from blocks of revolutions
+    mean_all_rows: np.ndarray = array("N", "axis")  # of every row of the steady part, not only whole revolutions
+    revolution_means: np.ndarray = array("N", "axis", "revolution")
+    average_angle: np.ndarray = array("rad", "angle")
+    average: np.ndarray = array("N", "axis", "angle")  # synchronous average over one revolution
+    scatter: np.ndarray = array("N", "axis", "angle")  # standard deviation over the revolutions, at that angle
+    ac_rms: np.ndarray = array("N", "axis")
+    asynchronous_rms: np.ndarray = array("N", "axis")
+    overview_time: np.ndarray = array("s", "overview")  # the whole record, thinned to envelopes for the report
+    overview_low: np.ndarray = array("N", "axis", "overview")
+    overview_high: np.ndarray = array("N", "axis", "overview")
+    removed_offset: np.ndarray = array("N", "axis")  # at the middle of the steady part
+    removed_drift: np.ndarray = array("N/s", "axis")
+    sample_rate: float  # Hz
+    spindle_frequency: float  # Hz, refined
+    spindle_frequency_sd: float  # Hz
+    revolutions: int
+    steady: tuple[float, float]  # s
+    air: tuple[tuple[float, float], ...] = ()  # s; empty where the record holds no air cut
+    phase_from_pulse: bool = False  # theta = 0 at the once-per-revolution pulse
+    lowpass: float | None = None  # Hz
+    peaks: tuple[AsynchronousPeak, ...] = ()
+    notices: tuple[Notice, ...] = ()
+
+    @property
+    def synchronous_share(self) -> np.ndarray:
+        """Share of the AC power that follows the spindle.   returns (axis,)"""
+        return 1.0 - (self.asynchronous_rms / np.maximum(self.ac_rms, 1e-300)) ** 2
+
+
+@dataclass(frozen=True)
+class Hit:
+    """One hit of the hammer and what was found about it."""
+
+    recording: str
+    index: int  # within the recording, from 0
+    onset: float  # s
+    peak: float  # N
+    accepted: bool
+    reasons: tuple[str, ...] = ()  # double, overload, weak, inconsistent, ...
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Frf(Record):
+    """Frequency response matrix X/F with coherence and variance. Convention x(t) = Re X e^{+j w t}."""
+
+    frequency: np.ndarray = array("Hz", "frequency")
+    values: np.ndarray = array("by form", "frequency", "output", "input")  # complex
+    coherence: np.ndarray | None = array("1", "frequency", "output", "input", optional=True)  # nan for a single hit
+    multiple_coherence: np.ndarray | None = array("1", "frequency", "output", optional=True)
+    variance: np.ndarray | None = array("square of values", "frequency", "output", "input", optional=True)
+    force_spectrum: np.ndarray | None = array("N", "frequency", "input", optional=True)  # |F| of the mean hit
+    form: Literal["accelerance", "mobility", "receptance"]
+    estimator: str
+    outputs: tuple[str, ...]  # dofs
+    inputs: tuple[str, ...]
+    hits_used: tuple[int, ...]  # per input
+    usable_band: tuple[float, float]  # Hz
+    hits: tuple[Hit, ...] = ()
+    notices: tuple[Notice, ...] = ()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Modes(Record):
+    """Modes of the structure at the tool tip, each along one machine axis."""
+
+    natural_frequency: np.ndarray = array("Hz", "mode")
+    damping_ratio: np.ndarray = array("1", "mode")
+    stiffness: np.ndarray = array("N/m", "mode")
+    axes: tuple[str, ...]  # of each mode: x, y or z
+    notices: tuple[Notice, ...] = ()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Posterior(Record):
+    """What is known of parameters: a mean, a covariance, and how the interval is to be read."""
+
+    names: tuple[str, ...]  # Ktc Krc Kac Kte Kre Kae, or kt kr ka mt mr ma, then c0, s0, t0 of the runout
+    units: tuple[str, ...]  # SI: N/m^2, N/m, 1, m
+    mean: np.ndarray = array("SI of each parameter", "parameter")
+    covariance: np.ndarray = array("SI products", "parameter", "parameter")
+    interval: np.ndarray = array("SI of each parameter", "parameter", "low and high")  # 95 %
+    law: Literal["linear-edge", "kienzle"]
+    method: str
+
+    def sample(self, rng: np.random.Generator, n: int) -> np.ndarray:
+        """Draws from the normal distribution.   returns (member, parameter)"""
+        spread = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        scale = np.where(spread > 0, spread, 1.0)  # correlation, so that N/m^2 beside m factorises
+        values, vectors = np.linalg.eigh(self.covariance / np.outer(scale, scale))
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        return self.mean + (rng.standard_normal((n, len(self.mean))) @ root.T) * spread
+
+    def __getitem__(self, name: str) -> float:
+        return float(self.mean[self.names.index(name)])
+
+
+@dataclass(frozen=True)
+class Check:
+    """One question asked of a fit, and its answer."""
+
+    name: str
+    passed: bool
+    message: str
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Coefficients(Record):
+    """Coefficients identified from cuts, with what a reader needs to believe them or not."""
+
+    posterior: Posterior
+    cutter: Cutter
+    conditions: tuple[CuttingConditions, ...]  # of each cut
+    cuts: tuple[str, ...]
+    verdict: str  # "fits", "fits in part: ...", "does not fit: ..."
+    checks: tuple[Check, ...]
+    feed_per_tooth: np.ndarray = array("m", "cut")
+    measured_mean: np.ndarray = array("N", "cut", "axis")
+    modelled_mean: np.ndarray = array("N", "cut", "axis")
+    angle: np.ndarray = array("rad", "angle")
+    measured: np.ndarray = array("N", "cut", "axis", "angle")  # one revolution, all saved harmonics
+    modelled: np.ndarray = array("N", "cut", "axis", "angle")
+    measured_amplitude: np.ndarray = array("N", "cut", "axis", "harmonic")
+    modelled_amplitude: np.ndarray = array("N", "cut", "axis", "harmonic")
+    residual_rms: np.ndarray = array("N", "axis")
+    r2: np.ndarray = array("1", "axis")
+    in_sample: np.ndarray | None = array("1", "axis", optional=True)  # residual / AC rms, in the band of the fit
+    left_out: np.ndarray | None = array("1", "axis", optional=True)
+    left_out_by_cut: np.ndarray | None = array("1", "cut", "axis", optional=True)
+    in_sample_wide: np.ndarray | None = array("1", "axis", optional=True)  # the same over all saved harmonics
+    left_out_wide: np.ndarray | None = array("1", "axis", optional=True)
+    phase: np.ndarray | None = array("rad", "cut", optional=True)
+    band: tuple[int, int] = (0, 0)  # harmonics used
+    alternatives: tuple[tuple[str, tuple[tuple[str, float], ...]], ...] = ()  # other models: (name, ((key, SI value), ...))
+    notices: tuple[Notice, ...] = ()
+
+
+@dataclass(frozen=True)
+class BestSpeed:
+    """A speed worth running: the top of a stable pocket."""
+
+    spindle_speed: float  # rad/s
+    axial_depth: float  # m
+    removal_rate: float  # m^3/s
+    p_stable: float | None  # at that speed and depth, from the bands
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StabilityMap(Record):
+    """Limit depth against spindle speed, with a band where coefficients or FRF carry a covariance."""
+
+    spindle_speed: np.ndarray = array("rad/s", "speed")
+    limit_depth: np.ndarray = array("m", "speed")  # inf where no limit was found below the search range
+    chatter_frequency: np.ndarray = array("Hz", "speed")
+    lobe: np.ndarray = array("1", "speed")
+    limit_low: np.ndarray | None = array("m", "speed", optional=True)  # 95 % band
+    limit_high: np.ndarray | None = array("m", "speed", optional=True)
+    method: str
+    teeth: int
+    radial_depth: float  # m
+    diameter: float  # m
+    direction: str
+    feed_per_tooth: float | None
+    absolute_minimum: float  # m
+    absolute_minimum_frequency: float  # Hz
+    best: tuple[BestSpeed, ...] = ()
+    operating_point: tuple[float, float] | None = None  # rad/s, m
+    operating_p_stable: float | None = None
+    notices: tuple[Notice, ...] = ()
