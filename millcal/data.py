@@ -270,7 +270,9 @@ class Coefficients(Record):
     left_out_wide: np.ndarray | None = array("1", "axis", optional=True)
     phase: np.ndarray | None = array("rad", "cut", optional=True)
     band: tuple[int, int] = (0, 0)  # harmonics used
-    alternatives: tuple[tuple[str, tuple[tuple[str, float], ...]], ...] = ()  # other models: (name, ((key, SI value), ...))
+    alternatives: tuple[
+        tuple[str, tuple[tuple[str, float], ...]], ...
+    ] = ()  # other models: (name, ((key, SI value), ...))
     notices: tuple[Notice, ...] = ()
 
 

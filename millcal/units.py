@@ -67,7 +67,9 @@ def normal_unit(text: str) -> str:
     unit = text.strip().strip("[]()").strip()
     if unit in FILE_UNITS:
         return unit
-    return _SPELLINGS.get(unit) or _SPELLINGS.get(unit.lower()) or (unit.lower() if unit.lower() in FILE_UNITS else unit)
+    return (
+        _SPELLINGS.get(unit) or _SPELLINGS.get(unit.lower()) or (unit.lower() if unit.lower() in FILE_UNITS else unit)
+    )
 
 
 def suffix_of(key: str) -> str | None:

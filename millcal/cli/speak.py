@@ -1,0 +1,84 @@
+"""What every command says and how: options they share, the JSON envelope, notices and progress."""
+
+import json
+import math
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Annotated, Any
+
+import typer
+
+from millcal import __version__
+
+Json = Annotated[bool, typer.Option("--json", help="Print exactly one JSON object on stdout.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no warnings on stderr.")]
+Seed = Annotated[int, typer.Option("--seed", help="Seed of everything random.")]
+
+Progress = Callable[[float, str], None]  # share done in 0..1, what is being done
+
+
+def without_nan(value: Any) -> Any:
+    """The same JSON tree with null where a number cannot be known (NaN, infinity)."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {str(key): without_nan(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [without_nan(item) for item in value]
+    if hasattr(value, "tolist"):  # numpy scalar or array
+        return without_nan(value.tolist())
+    return value
+
+
+def reply(
+    command: str,
+    text: str,
+    result: Mapping,
+    *,
+    inputs: Mapping[str, str],
+    notices: Iterable,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Print a command's result: the text, or one JSON object; notices go to stderr either way.
+
+    inputs : path -> sha256   notices : `millcal.data.Notice`
+    """
+    notices = list(dict.fromkeys(notices))
+    if as_json:
+        envelope = {
+            "schema_version": 1,
+            "millcal": __version__,
+            "command": command,
+            "inputs": dict(inputs),
+            "warnings": [{"code": n.code, "message": n.message, "where": n.where} for n in notices],
+            "result": result,
+        }
+        typer.echo(json.dumps(without_nan(envelope), indent=1, ensure_ascii=False, allow_nan=False))
+    else:
+        typer.echo(text)
+    if not quiet:
+        for notice in notices:
+            place = f"{notice.where}: " if notice.where else ""
+            typer.echo(f"warning: {place}{notice.message} [{notice.code}]", err=True)
+
+
+@contextmanager
+def progress_bar(quiet: bool) -> Iterator[Progress]:
+    """A bar on stderr for work of more than two seconds; silent when quiet or when stderr is no terminal."""
+    if quiet or not sys.stderr.isatty():
+        yield lambda share, label: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=1.0)
+        yield lambda share, label: bar.update(task, completed=share, description=label)

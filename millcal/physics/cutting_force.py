@@ -1,0 +1,261 @@
+"""Cutting force of a helical end mill with runout: the force laws and the harmonics of the force, integrated exactly.
+
+A tooth meets the surface left by the teeth before it. With a_k the feed since the tooth k places ahead passed and
+b_k = e_j - e_{j-k} how much farther this tooth reaches out, its chip is (Montgomery & Altintas 1991; Kline & DeVor 1983)
+
+    h(phi) = max(0, min over k = 1..N of [a_k sin(phi) + b_k])        phi in entry .. exit.
+
+In u = sin(phi) this is the lower envelope of N rising lines: the contact begins at one u0, breaks at few u, and between
+two breaks it is A sin(phi) + B. So contact loss by runout needs no grid, no slices of time and no smoothing: the force
+harmonics are Gauss integrals over a few smooth pieces, and they vary smoothly with the runout, which a fit needs.
+The helix is a lag: a slice at height z repeats the edge's force later by kappa(z) = z tan(helix) / R.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from millcal.physics.cutter import Cutter, CuttingConditions, engagement
+
+
+@dataclass(frozen=True, eq=False)
+class LinearEdge:
+    """Linear-edge law, F_i = (K_ie + K_ic h) b for i = t, r, a  [Altintas, Manufacturing Automation, eq. 2.4]."""
+
+    cutting: np.ndarray  # K_tc, K_rc, K_ac, (3,), N/m^2
+    edge: np.ndarray  # K_te, K_re, K_ae, (3,), N/m
+
+    def edge_force(self, chip_thickness: np.ndarray, chip_width: float) -> np.ndarray:
+        """Force on one edge; none where there is no chip.   chip_thickness : (...,) m   chip_width : m   returns (..., 3) N"""
+        h = np.asarray(chip_thickness)[..., np.newaxis]
+        return np.where(h > 0, self.edge + self.cutting * h, 0.0) * chip_width
+
+
+@dataclass(frozen=True, eq=False)
+class Kienzle:
+    """Kienzle law, F_i = k_i1.1 b h (h / h0)**(-m_i) for i = t, r, a."""
+
+    specific_force: np.ndarray  # k_i1.1, (3,), N/m^2, for a chip of h = b = 1 mm
+    rise: np.ndarray  # m_i, (3,)
+    REFERENCE_CHIP = 1e-3  # h0, m
+
+    def edge_force(self, chip_thickness: np.ndarray, chip_width: float) -> np.ndarray:
+        """Force on one edge.   chip_thickness : (...,) m   chip_width : m   returns (..., 3) N"""
+        h = np.maximum(np.asarray(chip_thickness), 0.0)[..., np.newaxis]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            force = self.specific_force * chip_width * h ** (1 - self.rise) * self.REFERENCE_CHIP**self.rise
+        return np.where(h > 0, force, 0.0)
+
+
+def to_machine_axes(edge_force: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Force on the tool in machine axes from the force on one edge.
+
+    F_x = -F_t cos - F_r sin; F_y = F_t sin - F_r cos; F_z = F_a.
+    edge_force : (..., 3) N, tangential, radial, axial   angle : (...,) rad   returns (..., 3) N
+    """
+    t, r, a = np.moveaxis(edge_force, -1, 0)
+    s, c = np.sin(angle), np.cos(angle)
+    return np.stack([-t * c - r * s, t * s - r * c, a], axis=-1)
+
+
+def radial_offset(cutter: Cutter, height: np.ndarray) -> np.ndarray:
+    """e_j(z), how much farther than R tooth j reaches out because the cutter's axis is offset from the spindle's.
+
+    rho cos(lambda + psi_j + kappa(z)): tooth j lags tooth 0 by psi_j, so it stands that much farther behind the offset.
+    height : (slice,) m   returns (tooth, slice) m
+    """
+    lag = cutter.tooth_lag()[:, np.newaxis] + cutter.helix_lag(np.asarray(height))
+    return cutter.runout * np.cos(cutter.runout_angle + lag)
+
+
+def chip_lines(cutter: Cutter, feed_per_tooth: float, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes and heights of the lines a_k sin(phi) + b_k of which the chip is the lower envelope.
+
+    The teeth lag, so the surface under tooth j was left by tooth j - 1, and k places ahead of it by j - k; after k = N it
+    meets its own last pass, with b = 0.
+    offset : (tooth,) m   returns a (tooth, k), b (tooth, k), m
+    """
+    n = cutter.teeth
+    lag = cutter.tooth_lag()
+    j, k = np.meshgrid(np.arange(n), np.arange(1, n + 1), indexing="ij")
+    ahead = (j - k) % n
+    turn = np.where(k == n, 2 * np.pi, (lag[j] - lag[ahead]) % (2 * np.pi))
+    return feed_per_tooth * n * turn / (2 * np.pi), offset[j] - offset[ahead]
+
+
+def chip_thickness(cutter: Cutter, conditions: CuttingConditions, angle: np.ndarray, height: np.ndarray) -> np.ndarray:
+    """Static chip of every tooth at given spindle angles and heights, zero outside the engagement.
+
+    angle : (angle,) rad   height : (slice,) m   returns (tooth, slice, angle) m
+    """
+    entry, leave = engagement(conditions, cutter.diameter)
+    offsets = radial_offset(cutter, height)  # (tooth, slice)
+    lag = cutter.tooth_lag()[:, np.newaxis] + cutter.helix_lag(np.asarray(height))
+    phi = (angle - lag[:, :, np.newaxis]) % (2 * np.pi)
+    chip = np.empty(phi.shape)
+    for i in range(offsets.shape[1]):
+        a, b = chip_lines(cutter, conditions.feed_per_tooth, offsets[:, i])
+        lines = a[:, :, np.newaxis] * np.sin(phi[:, np.newaxis, i]) + b[:, :, np.newaxis]
+        chip[:, i] = np.maximum(lines.min(axis=1), 0.0)
+    return np.where((phi >= entry) & (phi <= leave), chip, 0.0)
+
+
+def contact_pieces(a: np.ndarray, b: np.ndarray, entry: float, leave: float) -> list[tuple[float, float, float, float]]:
+    """Intervals of phi in which one tooth cuts and h = A sin(phi) + B, in ascending order: (from, to, A, B).
+
+    a, b : (k,) m, the lines of this tooth   entry, leave : rad, within 0..pi
+    """
+    u0 = max(0.0, float(np.max(-b / a)))  # lowest sin(phi) at which every line is positive
+    if u0 >= 1.0:
+        return []
+    breaks, lines = [u0], []  # walk up the concave envelope: slopes fall from piece to piece
+    current = int(np.lexsort((a, a * u0 + b))[0])
+    while True:
+        lines.append(current)
+        flatter = np.flatnonzero(a < a[current] - 1e-15)
+        if not len(flatter):
+            break
+        crossing = (b[flatter] - b[current]) / (a[current] - a[flatter])
+        nearest = int(np.argmin(crossing))
+        if crossing[nearest] >= 1.0:
+            break
+        breaks.append(max(float(crossing[nearest]), breaks[-1]))
+        current = int(flatter[nearest])
+    rising = np.arcsin(np.array([*breaks, 1.0]))
+    pieces = [(rising[i], rising[i + 1], lines[i]) for i in range(len(lines))]
+    pieces += [(np.pi - hi, np.pi - lo, line) for lo, hi, line in reversed(pieces)]
+    merged = []
+    for lo, hi, line in pieces:
+        lo, hi = max(lo, entry), min(hi, leave)
+        if hi - lo <= 1e-12:
+            continue
+        if merged and merged[-1][2] == line:
+            merged[-1] = (merged[-1][0], hi, line)
+        else:
+            merged.append((lo, hi, line))
+    return [(lo, hi, float(a[line]), float(b[line])) for lo, hi, line in merged]
+
+
+@lru_cache(maxsize=32)
+def _gauss(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and weights on 0..1 after x = s^3 (10 - 15 s + 6 s^2), which flattens a root h^(1-m) at the ends of contact."""
+    s, w = np.polynomial.legendre.leggauss(n)
+    s, w = (s + 1) / 2, w / 2
+    return s**3 * (10 - 15 * s + 6 * s**2), w * 30 * s**2 * (1 - s) ** 2
+
+
+ChipFunctions = Callable[[np.ndarray], np.ndarray]  # chip (node,) -> (function, node)
+
+
+def edge_harmonics(
+    functions: ChipFunctions,
+    lines: tuple[np.ndarray, np.ndarray],
+    lag: np.ndarray,
+    entry: float,
+    leave: float,
+    harmonics: int,
+) -> np.ndarray:
+    """Fourier integrals of g(h(phi)), g sin(phi), g cos(phi) over one revolution, summed over the teeth, per unit of depth.
+
+    Times exp(-j k lag) for each tooth; one-sided, so that f(theta) = Re sum_k c_k exp(j k theta).
+    lines : slopes and heights (tooth, k)   lag : (tooth,) rad   returns complex (3, function, harmonics + 1)
+    """
+    order = np.arange(harmonics + 1)
+    node, weight = _gauss(48 + 2 * harmonics)
+    phi, chip, area, turn = [], [], [], []
+    for a, b, psi in zip(*lines, lag, strict=True):
+        for lo, hi, slope, height in contact_pieces(a, b, entry, leave):
+            angle = lo + (hi - lo) * node
+            phi.append(angle)
+            chip.append(np.maximum(slope * np.sin(angle) + height, 0.0))
+            area.append((hi - lo) * weight)
+            turn.append(angle + psi)
+    if not phi:
+        return np.zeros((3, len(functions(np.zeros(1))), harmonics + 1), complex)
+    phi, area, turn = np.concatenate(phi), np.concatenate(area), np.concatenate(turn)
+    g = functions(np.concatenate(chip)) * area / np.pi
+    kernel = np.exp(-1j * np.outer(turn, order))
+    kernel[:, 0] *= 0.5
+    stacked = np.stack([g, g * np.sin(phi), g * np.cos(phi)])
+    return stacked @ kernel
+
+
+def force_basis(
+    functions: ChipFunctions,
+    cutter: Cutter,
+    conditions: CuttingConditions,
+    harmonics: int,
+    *,
+    offset: Callable[[np.ndarray], np.ndarray] | None = None,
+) -> np.ndarray:
+    """Harmonics of the force on the tool per unit of each coefficient, at spindle angle theta = 0 for tooth 0 at the bottom.
+
+    The axes couple as in `to_machine_axes`: entry [axis, direction, function, k] is the harmonic k of F_axis when direction
+    t, r or a has the edge force g_function(h) per unit of width.
+    functions : chip (node,) m -> (function, node), e.g. 1 and h for the linear-edge law
+    offset : height (slice,) m -> radial offset (tooth, slice) m; None: the cutter's own runout
+    returns complex (3, 3, function, harmonics + 1), SI
+    """
+    entry, leave = engagement(conditions, cutter.diameter)
+    order = np.arange(harmonics + 1)
+    lag, depth = cutter.tooth_lag(), conditions.axial_depth
+    full_lag = float(cutter.helix_lag(np.array(depth)))
+    n_slices = 8 + int(np.ceil(full_lag * (harmonics + 1) / 2))
+    s, w = np.polynomial.legendre.leggauss(n_slices)
+    height, width = depth * (s + 1) / 2, depth * w / 2
+    offsets = radial_offset(cutter, height) if offset is None else offset(height)
+    wind = np.exp(-1j * np.outer(cutter.helix_lag(height), order)) * width[:, np.newaxis]  # (slice, k)
+    if np.ptp(offsets, axis=1).max() <= 1e-15:  # every slice alike: one edge, times the helix factor
+        lines = chip_lines(cutter, conditions.feed_per_tooth, offsets[:, 0])
+        total = edge_harmonics(functions, lines, lag, entry, leave, harmonics) * wind.sum(axis=0)
+    else:
+        total = sum(
+            edge_harmonics(
+                functions, chip_lines(cutter, conditions.feed_per_tooth, offsets[:, i]), lag, entry, leave, harmonics
+            )
+            * wind[i]
+            for i in range(n_slices)
+        )
+    plain, with_sin, with_cos = total
+    basis = np.zeros((3, 3, *plain.shape), complex)
+    basis[0, 0], basis[0, 1] = -with_cos, -with_sin
+    basis[1, 0], basis[1, 1] = with_sin, -with_cos
+    basis[2, 2] = plain
+    return basis
+
+
+def linear_edge_functions(chip: np.ndarray) -> np.ndarray:
+    """1 and h, the factors of K_e and K_c.   chip : (node,) m   returns (2, node)"""
+    return np.stack([np.ones_like(chip), chip])
+
+
+def kienzle_functions(rise: np.ndarray) -> ChipFunctions:
+    """h (h/h0)^(-m), one for each exponent.   rise : (function,)   returns the function chip (node,) -> (function, node)"""
+
+    def functions(chip: np.ndarray) -> np.ndarray:
+        h = np.maximum(chip, 1e-12)  # 1e-6 um: keeps h^(1-m) finite at the ends of contact, where its weight is nil
+        return h ** (1 - np.asarray(rise)[:, np.newaxis]) * Kienzle.REFERENCE_CHIP ** np.asarray(rise)[:, np.newaxis]
+
+    return functions
+
+
+def force_harmonics(
+    law: LinearEdge | Kienzle, cutter: Cutter, conditions: CuttingConditions, harmonics: int
+) -> np.ndarray:
+    """Harmonics of the spindle in the force on the tool: F(theta) = Re sum_k c_k exp(j k theta).
+
+    returns complex (3, harmonics + 1) N
+    """
+    if isinstance(law, LinearEdge):
+        basis = force_basis(linear_edge_functions, cutter, conditions, harmonics)
+        return np.einsum("adfk,fd->ak", basis, np.stack([law.edge, law.cutting]))
+    basis = force_basis(kienzle_functions(law.rise), cutter, conditions, harmonics)
+    return np.einsum("addk,d->ak", basis, law.specific_force)
+
+
+def force_at(harmonics: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """The force at spindle angles from its harmonics.   harmonics : (..., k) N   angle : (angle,) rad   returns (..., angle) N"""
+    order = np.arange(harmonics.shape[-1])
+    return np.real(harmonics @ np.exp(1j * np.outer(order, angle)))
