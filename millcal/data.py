@@ -221,14 +221,21 @@ class Posterior(Record):
     interval: np.ndarray = array("SI of each parameter", "parameter", "low and high")  # 95 %
     law: Literal["linear-edge", "kienzle"]
     method: str
+    dof: float = np.inf  # degrees of freedom behind the covariance: few cuts have long tails
 
     def sample(self, rng: np.random.Generator, n: int) -> np.ndarray:
-        """Draws from the normal distribution.   returns (member, parameter)"""
+        """Draws from the normal distribution, or from Student's t where few cuts stand behind the covariance.
+
+        returns (member, parameter)
+        """
         spread = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         scale = np.where(spread > 0, spread, 1.0)  # correlation, so that N/m^2 beside m factorises
         values, vectors = np.linalg.eigh(self.covariance / np.outer(scale, scale))
         root = vectors * np.sqrt(np.maximum(values, 0.0))
-        return self.mean + (rng.standard_normal((n, len(self.mean))) @ root.T) * spread
+        draws = rng.standard_normal((n, len(self.mean))) @ root.T
+        if np.isfinite(self.dof):
+            draws *= np.sqrt(self.dof / rng.chisquare(self.dof, size=(n, 1)))
+        return self.mean + draws * spread
 
     def __getitem__(self, name: str) -> float:
         return float(self.mean[self.names.index(name)])

@@ -126,7 +126,7 @@ def contact_pieces(a: np.ndarray, b: np.ndarray, entry: float, leave: float) -> 
     rising = np.arcsin(np.array([*breaks, 1.0]))
     pieces = [(rising[i], rising[i + 1], lines[i]) for i in range(len(lines))]
     pieces += [(np.pi - hi, np.pi - lo, line) for lo, hi, line in reversed(pieces)]
-    merged = []
+    merged: list[tuple[float, float, int]] = []
     for lo, hi, line in pieces:
         lo, hi = max(lo, entry), min(hi, leave)
         if hi - lo <= 1e-12:
@@ -164,19 +164,19 @@ def edge_harmonics(
     """
     order = np.arange(harmonics + 1)
     node, weight = _gauss(48 + 2 * harmonics)
-    phi, chip, area, turn = [], [], [], []
+    angles, chips, areas, turns = [], [], [], []
     for a, b, psi in zip(*lines, lag, strict=True):
         for lo, hi, slope, height in contact_pieces(a, b, entry, leave):
             angle = lo + (hi - lo) * node
-            phi.append(angle)
-            chip.append(np.maximum(slope * np.sin(angle) + height, 0.0))
-            area.append((hi - lo) * weight)
-            turn.append(angle + psi)
-    if not phi:
+            angles.append(angle)
+            chips.append(np.maximum(slope * np.sin(angle) + height, 0.0))
+            areas.append((hi - lo) * weight)
+            turns.append(angle + psi)
+    if not angles:
         return np.zeros((3, len(functions(np.zeros(1))), harmonics + 1), complex)
-    phi, area, turn = np.concatenate(phi), np.concatenate(area), np.concatenate(turn)
-    g = functions(np.concatenate(chip)) * area / np.pi
-    kernel = np.exp(-1j * np.outer(turn, order))
+    phi = np.concatenate(angles)
+    g = functions(np.concatenate(chips)) * np.concatenate(areas) / np.pi
+    kernel = np.exp(-1j * np.outer(np.concatenate(turns), order))
     kernel[:, 0] *= 0.5
     stacked = np.stack([g, g * np.sin(phi), g * np.cos(phi)])
     return stacked @ kernel
