@@ -1,0 +1,181 @@
+"""Cuts as recorded: force on the tool, accelerations of the structure, and a pulse per revolution.
+
+The force is a Fourier series in the spindle angle whose coefficients `physics.cutting_force` integrates exactly. It is cut
+off below half the sample rate and evaluated at each sample's angle, so it is exact at any speed and free of aliasing.
+Sensors and structure act on each harmonic by their gain at its frequency: the steady state, which holds at constant or
+slowly varying speed. The tool enters and leaves by a cosine ramp of the force.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from millcal.data import AXES, Channel, Recording
+from millcal.physics.cutter import Cutter, CuttingConditions
+from millcal.physics.cutting_force import Kienzle, LinearEdge, force_harmonics
+from millcal.physics.measuring_chain import MeasuringChain
+from millcal.physics.shaped_modes import ShapedMode, accelerance_between
+from millcal.physics.spindle import SpindleMotion
+from millcal.simulation.noise import measured
+
+TIP = ("tipX", "tipY", "tipZ")
+BLOCK = 8192  # samples: three axes of complex numbers stay in the cache
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """How long the tool is in the air, entering, cutting, leaving, and in the air again; all in s."""
+
+    steady: float
+    air_before: float = 0.0
+    air_after: float = 0.0
+    ramp: float = 0.0  # entry, and exit as long again
+
+    @property
+    def duration(self) -> float:
+        """s"""
+        return self.air_before + 2 * self.ramp + self.steady + self.air_after
+
+    @property
+    def steady_span(self) -> tuple[float, float]:
+        """From, to, s after the first sample."""
+        begin = self.air_before + self.ramp
+        return begin, begin + self.steady
+
+    def engagement(self, time: np.ndarray) -> np.ndarray:
+        """Share of the full force, 0 in the air and 1 in the steady cut.   time : (t,) s   returns (t,)"""
+        begin, end = self.steady_span
+        if self.ramp == 0:
+            return ((time >= begin) & (time < end + 1e-12)).astype(float)
+        outside = np.maximum(begin - time, time - end) / self.ramp
+        return 0.5 + 0.5 * np.cos(np.pi * np.clip(outside, 0.0, 1.0))
+
+
+@dataclass(frozen=True)
+class Line:
+    """A vibration that does not follow the spindle: a force at a frequency of its own, as chatter makes it."""
+
+    frequency: float  # Hz
+    amplitude: tuple[float, float, float]  # N, in x, y, z of the tool
+
+
+def synthesise(harmonics: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Re sum_k c_k exp(j k angle) by Horner's scheme, block by block; `cutting_force.force_at` is the plain form.
+
+    harmonics : complex (row, k)   angle : (sample,) rad   returns (row, sample)
+    """
+    result = np.empty((len(harmonics), len(angle)))
+    for start in range(0, len(angle), BLOCK):
+        turn = np.exp(1j * angle[start : start + BLOCK])
+        total = np.broadcast_to(harmonics[:, -1:], (len(harmonics), len(turn))).copy()
+        for coefficient in harmonics[:, -2::-1].T:
+            total *= turn
+            total += coefficient[:, np.newaxis]
+        result[:, start : start + BLOCK] = total.real
+    return result
+
+
+def simulate_cut(
+    law: LinearEdge | Kienzle,
+    cutter: Cutter,
+    conditions: CuttingConditions,
+    *,
+    rng: np.random.Generator,
+    sample_rate: float,
+    timeline: Timeline,
+    motion: SpindleMotion | None = None,
+    dynamometer: MeasuringChain | None = MeasuringChain(),
+    modes: Sequence[ShapedMode] = (),
+    accelerometers: Sequence[str] = (),
+    accelerometer: MeasuringChain = MeasuringChain(),
+    lines: Sequence[Line] = (),
+    pulse: bool = False,
+    pulse_angle: float = 0.0,
+    start_time: float = 0.0,
+    name: str = "",
+) -> tuple[Recording, dict]:
+    """One cut as a measuring chain would have recorded it, and the truth behind it in SI.
+
+    sample_rate : Hz   motion : None is the conditions' speed from angle 0   dynamometer : None leaves the force channels out
+    modes, accelerometers : structure, and the dofs at which its acceleration under the cutting force is measured
+    pulse_angle : rad, spindle angle at which the once-per-revolution pulse rises   start_time : s, of the first sample
+    """
+    motion = motion or SpindleMotion(conditions.spindle_speed / (2 * np.pi))
+    time = np.arange(round(timeline.duration * sample_rate)) / sample_rate
+    highest = int(np.ceil(sample_rate / 2 / motion.highest_frequency)) - 1
+    force = force_harmonics(law, cutter, conditions, highest)
+    order_frequency = np.arange(highest + 1) * motion.frequency
+    line_phase = rng.uniform(0.0, 2 * np.pi, len(lines))
+    line_frequency = np.array([line.frequency for line in lines])
+    line_force = np.array([line.amplitude for line in lines]).reshape(-1, 3).T * np.exp(1j * line_phase)  # (axis, line)
+
+    channels: list[Channel] = []
+    harmonics, line_parts, chains = [], [], []
+    if dynamometer is not None:
+        channels += [
+            Channel("f" + axis, "force", "N", dof, dynamometer.full_scale) for axis, dof in zip(AXES, TIP, strict=True)
+        ]
+        harmonics.append(force * dynamometer.gain(order_frequency, 3))
+        line_parts.append(line_force * dynamometer.gain(line_frequency, 3))
+        chains.append((dynamometer, 3))
+    if accelerometers:
+        n = len(accelerometers)
+        channels += [
+            Channel("acc_" + dof, "acceleration", "m/s^2", dof, accelerometer.full_scale) for dof in accelerometers
+        ]
+        for parts, at, source in ((harmonics, order_frequency, force), (line_parts, line_frequency, line_force)):
+            accelerance = accelerance_between(at, modes, accelerometers, TIP)  # (f, sensor, axis)
+            parts.append(np.einsum("fsa,af->sf", accelerance, source) * accelerometer.gain(at, n))
+        chains.append((accelerometer, n))
+
+    samples = synthesise(np.concatenate(harmonics), motion.angle(time))
+    for frequency, amplitude in zip(line_frequency, np.concatenate(line_parts).T, strict=True):
+        samples += np.real(amplitude[:, np.newaxis] * np.exp(2j * np.pi * frequency * time))
+    samples *= timeline.engagement(time)
+    first = 0
+    for chain, n in chains:
+        samples[first : first + n] = measured(samples[first : first + n], chain, sample_rate, rng, time=time)
+        first += n
+    if pulse:
+        channels.append(Channel("pulse", "pulse", "1", "spindle", 1.0))
+        samples = np.vstack([samples, motion.pulse(time, pulse_angle, np.pi / 18)])
+
+    recording = Recording(
+        samples=samples,
+        sample_rate=sample_rate,
+        channels=tuple(channels),
+        name=name,
+        start_time=start_time,
+        cutter=cutter,
+        conditions=conditions,
+    )
+    truth = {
+        "spindle_frequency": motion.frequency,
+        "initial_angle": motion.initial_angle,
+        "steady": timeline.steady_span,
+        "harmonics": force,
+        "mean_force": force[:, 0].real,
+    }
+    return recording, truth
+
+
+def as_dynamometer_channels(recording: Recording, axis_map: Mapping[str, str], acts_on: str = "tool") -> Recording:
+    """The recording with its forces as a table dynamometer names and signs them: the inverse of what an ingest does.
+
+    axis_map : tool axis -> signed channel, e.g. fx = "+Fy"   acts_on : "workpiece" turns the force into its reaction
+    """
+    reaction = -1.0 if acts_on == "workpiece" else 1.0
+    samples = np.array(recording.samples)
+    channels = list(recording.channels)
+    own = {channel.name: row for row, channel in enumerate(recording.channels)}
+    columns = []
+    for tool_axis, column in axis_map.items():
+        sign = -1.0 if column.startswith("-") else 1.0
+        row = own[tool_axis]
+        samples[row] *= sign * reaction
+        channels[row] = replace(channels[row], name=column.lstrip("+-"), dof="")
+        columns.append(row)
+    rest = [row for row in range(len(channels)) if row not in columns]
+    order = sorted(columns, key=lambda row: channels[row].name) + rest
+    return replace(recording, samples=samples[order], channels=tuple(channels[row] for row in order))
