@@ -1,0 +1,139 @@
+"""The tables of a recipe beside those it shares with a setup: one for each stage, its keys the stage's options."""
+
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import BeforeValidator, Field, field_validator
+
+from millcal.io.keys import ConditionsTable, CutterTable, Direction, Interval, Positive, SourceTables, Span, Table, tuple_of
+
+
+class CutTable(ConditionsTable):
+    """One recorded cut."""
+
+    recording: str = Field(description="file of the cut, relative to the recipe; environment variables are expanded")
+
+
+class ConditioningTable(Table):
+    """What is done to a cut before anything is identified from it."""
+
+    lowpass_hz: Positive | None = Field(None, description="corner of a zero-phase low-pass, Hz; none when absent")
+    harmonics: int = Field(30, ge=1, description="number of harmonics of the spindle to save")
+    offset: Literal["auto", "air", "none"] = Field(
+        "auto", description="remove offset and drift: from air cuts where there are some, always from air cuts, or not"
+    )
+
+
+class ImpactTable(SourceTables):
+    """The impact tests."""
+
+    recordings: tuple_of(str, ...) = Field(
+        min_length=1, description="list of the files of the impact tests, relative to the recipe"
+    )
+
+
+class FrfTable(Table):
+    """Options of the FRF estimate."""
+
+    estimator: Literal["h1", "h2", "hv"] = Field("h1", description="h1 for noise on the response, h2, hv")
+    form: Literal["accelerance", "mobility", "receptance"] | None = Field(
+        None, description="form of the FRF; as measured when absent"
+    )
+    keep: tuple_of(int, ...) = Field((), description="numbers of hits to keep whatever is found about them, from 0")
+    drop: tuple_of(int, ...) = Field((), description="numbers of hits to leave out, from 0")
+    allow_double: bool = Field(False, description="keep double hits")
+
+
+class ModeTable(Table):
+    """One mode of the structure at the tool tip."""
+
+    renamed: ClassVar = {"fn_hz": "natural_frequency", "zeta": "damping_ratio", "k_N_per_m": "stiffness"}
+    axis: Literal["x", "y", "z"] = Field(description="axis the mode moves along, x, y or z")
+    fn_hz: Positive = Field(description="natural frequency, Hz")
+    zeta: float = Field(gt=0, lt=1, description="damping ratio; 2 % is 0.02")
+    k_N_per_m: Positive = Field(description="modal stiffness, N/m")
+
+
+class StructureTable(Table):
+    """Dynamics given by hand, where there is no impact test."""
+
+    modes: tuple_of(ModeTable, ...) = Field(min_length=1, description="modes at the tool tip")
+
+
+class CoefficientsTable(Table):
+    """Options of the identification."""
+
+    not_arguments: ClassVar = frozenset({"sensor"})
+    method: Literal["average", "nls"] = Field("nls", description="mean forces, or the force within the revolution")
+    law: Literal["linear-edge", "kienzle"] = Field("linear-edge", description="force law")
+    rows: Literal["whole-revolutions", "all"] = Field(
+        "whole-revolutions", description="which samples the mean forces are taken over"
+    )
+    taper: bool = Field(False, description="let the runout vary along the cutter")
+    harmonics: int | None = Field(None, ge=1, description="highest harmonic of the fit; chosen when absent")
+    contact_loss: Literal["auto"] | bool = Field("auto", description="teeth that miss the cut by runout: auto, true, false")
+    mean_weight: Positive = Field(5.0, description="weight of the mean force beside one harmonic")
+    sensor: str | None = Field(None, description="FRF file of the dynamometer, force out by force in")
+
+
+class StabilityTable(Table):
+    """Options of the stability map; what is absent is that of the cuts, where they agree."""
+
+    renamed: ClassVar = {"rpm": "spindle_speed"}
+    not_arguments: ClassVar = frozenset(
+        {"radial_depth_mm", "direction", "feed_per_tooth_mm", "spindle_speed_rpm", "axial_depth_mm"}
+    )
+    method: Literal["zoa"] = Field("zoa", description="zoa: zero-order approximation")
+    rpm: Span = Field(description="[lowest, highest] spindle speed of the map, rpm")
+    points: int = Field(2000, ge=2, description="number of speeds of the map")
+    members: int = Field(200, ge=0, description="draws from the coefficients for the band on the limit; 0 for none")
+    radial_depth_mm: Positive | None = Field(None, description="width of engagement, mm; the cuts' when absent")
+    direction: Direction | None = Field(None, description="up, down or slot; the cuts' when absent")
+    feed_per_tooth_mm: Positive | None = Field(None, description="feed per tooth for removal rates, mm")
+    spindle_speed_rpm: Positive | None = Field(None, description="spindle speed of the operating point, rpm")
+    axial_depth_mm: Positive | None = Field(None, description="axial depth of the operating point, mm")
+
+
+class SimulateTable(Table):
+    """What to simulate; see `millcal simulate`."""
+
+    model_config: ClassVar = {**Table.model_config, "extra": "allow"}
+
+
+def _interval_or_text(value: Any) -> Any:
+    """An expectation is an interval of numbers, or the beginning of a text."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, list) and len(value) == 2 and all(type(item) in (int, float) for item in value):
+        return tuple(float(item) for item in value)
+    raise ValueError("is neither [lowest, highest] nor a text; write for example [690, 720]")
+
+
+class RecipeTables(SourceTables):
+    """A recipe: one calibration, from the recordings to the report."""
+
+    title: str = Field("", description="title of the report; the file's name when absent")
+    seed: int = Field(0, ge=0, description="seed of everything random")
+    cutter: CutterTable | None = Field(None, description="the cutter")
+    conditions: ConditionsTable = Field(
+        default_factory=ConditionsTable, description="keys of [[cuts]] that are the same for every cut"
+    )
+    cuts: tuple_of(CutTable, ...) = Field((), description="the recorded cuts")
+    conditioning: ConditioningTable = Field(default_factory=ConditioningTable, description="conditioning of the cuts")
+    impact: ImpactTable | None = Field(None, description="impact tests at the tool tip")
+    frf: FrfTable = Field(default_factory=FrfTable, description="options of the FRF estimate")
+    structure: StructureTable | None = Field(None, description="dynamics given by hand")
+    coefficients: CoefficientsTable = Field(default_factory=CoefficientsTable, description="options of the identification")
+    stability: StabilityTable | None = Field(None, description="options of the stability map; no map when absent")
+    simulate: SimulateTable | None = Field(None, description="synthetic recordings to write")
+    expect: dict[str, Annotated[Interval | str, BeforeValidator(_interval_or_text)]] = Field(
+        default_factory=dict,
+        description="dotted path into summary.json = [lowest, highest], or the beginning of a text",
+    )
+
+    @field_validator("expect")
+    @classmethod
+    def _named(cls, expect: dict[str, Any]) -> dict[str, Any]:
+        for key in expect:
+            if not all(key.split(".")):
+                raise ValueError(f"{key!r} is no dotted path; write for example 'coefficients.Ktc_N_per_mm2'")
+        return expect

@@ -1,0 +1,412 @@
+"""Recipes and setups: TOML in shop units to frozen objects in SI, with every mistake named by file, line and key.
+
+The models of the tables stand in `keys` and `recipe_tables`; here they are read, checked against each other, and made
+into what the stages take.
+"""
+
+import difflib
+import os
+import re
+import tomllib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NoReturn, TypeVar, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from millcal.data import Modes
+from millcal.errors import RecipeError
+from millcal.io.keys import ChannelTable, ConditionsTable, Hdf5Table, SetupTables, SourceTables, Table, TextTable
+from millcal.io.recipe_tables import (
+    CoefficientsTable,
+    ConditioningTable,
+    FrfTable,
+    RecipeTables,
+    SimulateTable,
+    StabilityTable,
+)
+from millcal.io.toml_places import locate
+from millcal.physics.cutter import Cutter, CuttingConditions
+
+M = TypeVar("M", bound=Table)
+Loc = tuple[str | int, ...]
+
+
+@dataclass(frozen=True)
+class Document:
+    """A TOML file, and the line of each of its keys."""
+
+    path: Path
+    text: str
+    data: dict[str, Any]
+    places: dict[Loc, int]
+
+    def where(self, loc: Loc) -> str:
+        """`recipe.toml:9: cuts.0.air_s`; the line is that of the nearest table above a key that is absent."""
+        nearest = loc
+        while nearest and nearest not in self.places:
+            nearest = nearest[:-1]
+        key = f" {'.'.join(map(str, loc))}:" if loc else ""
+        return f"{self.path}:{self.places.get(nearest, 1)}:{key}".removesuffix(":")
+
+    def refuse(self, loc: Loc, what: str) -> NoReturn:
+        """Refuse a key.   what : `what is wrong; what to do`"""
+        raise RecipeError(f"{self.where(loc)}: {what}")
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What a recording does not say about itself: how its columns become channels, the cutter and the conditions."""
+
+    map: dict[str, str] = field(default_factory=dict)  # channel -> signed column: fx -> +Fy
+    units: dict[str, str] = field(default_factory=dict)  # column -> unit
+    acts_on: str | None = None  # tool, workpiece; None: as the file says
+    sample_rate: float | None = None  # Hz
+    channels: dict[str, ChannelTable] = field(default_factory=dict)
+    hdf5: Hdf5Table | None = None
+    text: TextTable | None = None
+    kind: str | None = None  # cut, impact, air
+    cutter: Cutter | None = None
+    conditions: CuttingConditions | None = None
+    steady: tuple[float, float] | None = None  # s
+    air: tuple[tuple[float, float], ...] | None = None  # s
+    document: Document | None = field(default=None, repr=False)
+
+    def where(self, key: str) -> str:
+        """`setup.toml:4: map.fx`, for errors."""
+        return self.document.where(tuple(key.split("."))) if self.document else key
+
+
+@dataclass(frozen=True)
+class CutEntry:
+    """One recorded cut of a recipe."""
+
+    recording: Path
+    conditions: CuttingConditions | None  # None: as the recording says
+    steady: tuple[float, float] | None = None  # s
+    air: tuple[tuple[float, float], ...] | None = None  # s
+
+
+@dataclass(frozen=True)
+class Impact:
+    """The impact tests of a recipe, and how to read them."""
+
+    recordings: tuple[Path, ...]
+    setup: Setup
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Dynamics given by hand."""
+
+    modes: Modes
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """One calibration: what was recorded, what to do with it, and what must come out."""
+
+    path: Path
+    text: str
+    title: str
+    seed: int
+    cutter: Cutter | None
+    cuts: tuple[CutEntry, ...]
+    setup: Setup  # of the cuts; without their conditions
+    impact: Impact | None
+    structure: Structure | None
+    conditioning: ConditioningTable
+    frf: FrfTable
+    coefficients: CoefficientsTable
+    stability: StabilityTable | None  # None: the recipe asks for no map
+    simulate: SimulateTable | None
+    expect: dict[str, tuple[float, float] | str]
+    sensor: Path | None  # FRF of the dynamometer, a result file
+    document: Document = field(repr=False)
+
+    @property
+    def map(self) -> dict[str, str]:
+        return self.setup.map
+
+    @property
+    def units(self) -> dict[str, str]:
+        return self.setup.units
+
+    @property
+    def acts_on(self) -> str | None:
+        return self.setup.acts_on
+
+    @property
+    def recordings(self) -> tuple[Path, ...]:
+        """Every file the recipe reads, each once, in the recipe's order."""
+        impact = self.impact.recordings if self.impact else ()
+        sensor = (self.sensor,) if self.sensor else ()
+        return tuple(dict.fromkeys([*(cut.recording for cut in self.cuts), *impact, *sensor]))
+
+    def where(self, key: str) -> str:
+        """`recipe.toml:9: stability.rpm`, for errors."""
+        return self.document.where(tuple(int(part) if part.isdigit() else part for part in key.split(".")))
+
+
+def read_recipe(path: Path) -> Recipe:
+    """Read and check a recipe."""
+    document = read_toml(path)
+    tables = validated(RecipeTables, document)
+    cutter = tables.cutter.cutter() if tables.cutter else None
+    if not tables.cuts and tables.impact is None and tables.simulate is None:
+        document.refuse((), "no [[cuts]], no [impact] and no [simulate]; name at least one recording")
+    if tables.stability is not None:
+        _check_stability(document, tables)
+    sensor = tables.coefficients.sensor
+    return Recipe(
+        path=document.path,
+        text=document.text,
+        title=tables.title or document.path.stem,
+        seed=tables.seed,
+        cutter=cutter,
+        cuts=tuple(_cut(document, number, tables, cutter) for number in range(len(tables.cuts))),
+        setup=_setup(tables, document, cutter=cutter, kind="cut"),
+        impact=_impact(document, tables),
+        structure=_structure(tables),
+        conditioning=tables.conditioning,
+        frf=tables.frf,
+        coefficients=tables.coefficients,
+        stability=tables.stability,
+        simulate=tables.simulate,
+        expect=tables.expect,
+        sensor=_path(document, ("coefficients", "sensor"), sensor) if sensor else None,
+        document=document,
+    )
+
+
+def read_setup(path: Path) -> Setup:
+    """Read and check a SETUP.toml."""
+    document = read_toml(path)
+    tables = validated(SetupTables, document)
+    cutter = tables.cutter.cutter() if tables.cutter else None
+    conditions = _conditions(document, ("conditions",), tables.conditions, cutter)
+    given = tables.conditions.arguments()
+    return _setup(
+        tables,
+        document,
+        cutter=cutter,
+        kind=tables.kind,
+        conditions=conditions,
+        steady=given["steady"],
+        air=given["air"],
+    )
+
+
+def _setup(tables: SourceTables, document: Document, **more: Any) -> Setup:
+    mapping = {key: value for key, value in tables.map.items() if key != "acts_on"}
+    return Setup(
+        map=mapping,
+        units=tables.units,
+        acts_on=tables.map.get("acts_on", tables.acts_on),
+        sample_rate=tables.sample_rate_hz,
+        channels=tables.channels,
+        hdf5=tables.hdf5,
+        text=tables.text,
+        document=document,
+        **more,
+    )
+
+
+def _conditions(
+    document: Document, loc: Loc, keys: ConditionsTable, cutter: Cutter | None
+) -> CuttingConditions | None:
+    """Conditions from keys that were merged, None when there are none; a mistake is told at `loc`."""
+    if not keys.has_conditions():
+        return None
+    trouble = keys.trouble(cutter)
+    if trouble:
+        key, what = trouble
+        place = (*loc, key) if key else loc
+        if (*loc, key) not in document.places and ("conditions", key) in document.places:
+            place = ("conditions", key)
+        document.refuse(place, what)
+    return keys.conditions(cutter)
+
+
+def _cut(document: Document, number: int, tables: RecipeTables, cutter: Cutter | None) -> CutEntry:
+    entry = tables.cuts[number]
+    loc = ("cuts", number)
+    keys = entry.over(tables.conditions)
+    given = keys.arguments()
+    return CutEntry(
+        recording=_path(document, (*loc, "recording"), entry.recording),
+        conditions=_conditions(document, loc, keys, cutter),
+        steady=given["steady"],
+        air=given["air"],
+    )
+
+
+def _impact(document: Document, tables: RecipeTables) -> Impact | None:
+    if tables.impact is None:
+        return None
+    names = enumerate(tables.impact.recordings)
+    paths = tuple(_path(document, ("impact", "recordings", number), name) for number, name in names)
+    return Impact(recordings=paths, setup=_setup(tables.impact, document, kind="impact"))
+
+
+def _structure(tables: RecipeTables) -> Structure | None:
+    if tables.structure is None:
+        return None
+    modes = [mode.arguments() for mode in tables.structure.modes]
+    return Structure(
+        Modes(
+            natural_frequency=[mode["natural_frequency"] for mode in modes],
+            damping_ratio=[mode["damping_ratio"] for mode in modes],
+            stiffness=[mode["stiffness"] for mode in modes],
+            axes=tuple(mode["axis"] for mode in modes),
+        )
+    )
+
+
+def _check_stability(document: Document, tables: RecipeTables) -> None:
+    """A map needs a cutter, dynamics and coefficients."""
+    if tables.cutter is None:
+        document.refuse(("stability",), "no [cutter] for the map; add one")
+    if tables.impact is not None and tables.structure is not None:
+        document.refuse(("structure",), "dynamics are given twice; keep [structure] or [impact]")
+    diameter, radial = tables.cutter.diameter_mm, tables.stability.radial_depth_mm
+    if radial is not None and radial > diameter * (1 + 1e-9):
+        document.refuse(
+            ("stability", "radial_depth_mm"), f"{radial:g} is more than the diameter, {diameter:g}; correct one"
+        )
+    point = [key for key in ("spindle_speed_rpm", "axial_depth_mm") if getattr(tables.stability, key) is not None]
+    if len(point) == 1:
+        document.refuse(
+            ("stability", point[0]), "half an operating point; give both spindle_speed_rpm and axial_depth_mm"
+        )
+
+
+def _path(document: Document, loc: Loc, name: str) -> Path:
+    """A path of the recipe: environment variables expanded, relative to the recipe's folder."""
+    if not name.strip():
+        document.refuse(loc, "is empty; name a file")
+    return Path(os.path.normpath(document.path.parent / os.path.expandvars(name)))
+
+
+def read_toml(path: Path) -> Document:
+    """Read a TOML file; what is wrong with it is one line with the number of the line."""
+    path = Path(path)
+    try:
+        text = path.read_bytes().decode("utf-8")
+    except OSError as problem:
+        raise RecipeError(f"{path}: {(problem.strerror or str(problem)).lower()}; check the path") from None
+    except UnicodeDecodeError as problem:
+        line = problem.object.count(b"\n", 0, problem.start) + 1
+        raise RecipeError(f"{path}:{line}: not UTF-8; save the file as UTF-8") from None
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as problem:
+        found = re.fullmatch(r"(.*) \(at (?:line (\d+), column (\d+)|end of document)\)", str(problem), re.DOTALL)
+        what, line, column = found.groups() if found else (str(problem), None, None)
+        place = f"{path}:{line or text.rstrip().count(chr(10)) + 1}:"
+        at = f" at column {column}" if column else ""
+        raise RecipeError(f"{place} not TOML{at}: {what[:1].lower() + what[1:]}; correct that line") from None
+    return Document(path=path, text=text, data=data, places=locate(text))
+
+
+def validated(model: type[M], document: Document) -> M:
+    """The document as a model; of several mistakes the first unknown key is told, else the first by line."""
+    try:
+        return model.model_validate(document.data)
+    except ValidationError as problem:
+        errors = [(_loc_in(document.data, error["loc"]), error) for error in problem.errors()]
+    loc, error = min(
+        errors, key=lambda item: (item[1]["type"] != "extra_forbidden", _line(document, item[0]), len(item[0]))
+    )
+    document.refuse(loc, _told(model, loc, error))
+
+
+def _line(document: Document, loc: Loc) -> int:
+    while loc and loc not in document.places:
+        loc = loc[:-1]
+    return document.places.get(loc, 0)
+
+
+def _loc_in(data: Any, loc: Loc) -> Loc:
+    """The part of pydantic's location that is in the data, and a missing last key: no names of unions or validators."""
+    path: list[str | int] = []
+    for part in loc:
+        if isinstance(data, dict) and part in data or isinstance(data, list) and isinstance(part, int):
+            data = data[part]
+            path.append(part)
+        elif isinstance(data, dict) and part == loc[-1]:
+            path.append(part)
+    return tuple(path)
+
+
+def _told(model: type[Table], loc: Loc, error: Any) -> str:
+    """One mistake in words: what is wrong; what to do."""
+    table, field_info = _model_at(model, loc)
+    description = field_info.description if field_info else ""
+    give = f"give {description}" if description else "correct it"
+    value = error.get("input")
+    shown = f"{value!r}" if isinstance(value, (str, int, float, bool)) else "this"
+    kind, context = error["type"], error.get("ctx", {})
+    if kind == "extra_forbidden":
+        return f"unknown key; {_suggestion(str(loc[-1]), table)}"
+    if kind == "missing":
+        return f"is missing; {give}"
+    if kind == "value_error":
+        return str(context["error"])
+    if kind == "literal_error":
+        return f"{shown} is not {context['expected']}; {give}"
+    words = {
+        "float_type": "is no number",
+        "int_type": "is no whole number",
+        "bool_type": "is neither true nor false",
+        "string_type": "is no text",
+        "finite_number": "is not finite",
+        "greater_than": f"is not above {context.get('gt')}",
+        "greater_than_equal": f"is below {context.get('ge')}",
+        "less_than": f"is not below {context.get('lt')}",
+        "less_than_equal": f"is above {context.get('le')}",
+        "model_type": "is no table",
+        "model_attributes_type": "is no table",
+        "dict_type": "is no table",
+        "tuple_type": "is no list",
+        "list_type": "is no list",
+        "too_short": f"has fewer than {context.get('min_length')} items",
+        "too_long": f"has more than {context.get('max_length')} items",
+    }
+    if kind == "missing_argument" or (kind == "missing" and isinstance(loc[-1], int)):
+        return f"has too few items; {give}"
+    what = words.get(kind, error["msg"][:1].lower() + error["msg"][1:])
+    return f"{shown} {what}; {give}" if kind in words else f"{what}; {give}"
+
+
+def _model_at(model: type[BaseModel], loc: Loc) -> tuple[type[BaseModel], Any]:
+    """The model of the table a location is in, and the field it names (None for an unknown key)."""
+    info = None
+    for part in loc:
+        if isinstance(part, str) and part in model.model_fields:
+            info = model.model_fields[part]
+            deeper = _model_in(info.annotation)
+            if deeper is not None and part != loc[-1]:
+                model = deeper
+        elif isinstance(part, str):
+            info = None
+    return model, info
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    """The model somewhere in a type: `tuple[CutTable, ...] | None` -> CutTable."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((found for item in get_args(annotation) if (found := _model_in(item))), None)
+
+
+def _suggestion(key: str, table: type[BaseModel]) -> str:
+    """`did you mean ...?`: keys that read alike, or have a word that does; else every key of the table."""
+    known = list(table.model_fields)
+    alike = difflib.get_close_matches(key, known, n=1, cutoff=0.7)
+    if not alike:
+        words = {word: name for name in reversed(known) for word in name.split("_") if len(word) > 2}
+        parts = [part for part in key.lower().split("_") if len(part) > 2] or [key]
+        near = [match for part in parts for match in difflib.get_close_matches(part, words, n=1, cutoff=0.6)]
+        alike = [words[near[0]]] if near else []
+    return f"did you mean {alike[0]}?" if alike else f"known here: {', '.join(known)}"
