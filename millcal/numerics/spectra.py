@@ -1,0 +1,324 @@
+"""Harmonics of a known fundamental by least squares, its frequency, zero-phase smoothing, and what is left over.
+
+Nothing is resampled. With `cycle` the fundamental in cycles per sample, the model y_n = sum over k = -K..K of
+a_k exp(2 pi j k cycle n) has normal equations whose matrix is known in closed form (a Dirichlet kernel, so Toeplitz) and
+whose right-hand side is one pass over the samples: O(n K), in blocks, for any number of samples per period.
+
+Signals come as a reader, `read(start, stop)` -> (channel, stop - start), so that they may stay on disk. Harmonics are
+one-sided and complex: y = Re sum_k c_k exp(j k theta), with c_0 the mean.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+Reader = Callable[[int, int], np.ndarray]
+
+CHUNK = 4096  # samples per matrix product: the table of exponentials stays in the cache
+
+
+def reader_of(samples: np.ndarray) -> Reader:
+    """A reader of samples in memory.   samples : (channel, sample)"""
+    return lambda start, stop: samples[:, start:stop]
+
+
+def _table(cycle: float, harmonics: int, length: int) -> np.ndarray:
+    """cos k theta and -sin k theta at the samples 0..length, side by side.   returns (length, 2 (K + 1))"""
+    turn = _rotation(cycle, harmonics, np.arange(length))
+    return np.concatenate([turn.real, turn.imag], axis=1)
+
+
+def _rotation(cycle: float, harmonics: int, sample: float | np.ndarray) -> np.ndarray:
+    """exp(-j k theta) at the samples.   sample : (...)   returns (..., K + 1)"""
+    turns = np.multiply.outer(np.asarray(sample) * cycle % 1.0, np.arange(harmonics + 1))
+    return np.exp(-2j * np.pi * turns)
+
+
+def _normal_matrix(cycle: float, harmonics: int, length: int) -> np.ndarray:
+    """sum over n < length of exp(j (l - k) theta_n).   returns (k, l), k and l in -K..K"""
+    x = np.arange(1, 2 * harmonics + 1) * cycle
+    dirichlet = np.sin(np.pi * (x * length % 2.0)) / np.sin(np.pi * x) * np.exp(1j * np.pi * (x * (length - 1) % 2.0))
+    sums = np.concatenate([[float(length)], dirichlet])
+    order = np.arange(-harmonics, harmonics + 1)
+    lag = order[np.newaxis, :] - order[:, np.newaxis]
+    return np.where(lag >= 0, sums[np.abs(lag)], sums[np.abs(lag)].conj())
+
+
+def block_harmonics(read: Reader, edges: np.ndarray, cycle: float, harmonics: int) -> np.ndarray:
+    """Harmonics 0..K of each block of samples by least squares, with theta = 0 at the sample edges[0].
+
+    The blocks need not hold whole periods, but each must hold more samples than 2K + 1 and about one period.
+
+    edges : (block + 1,) ascending sample indices   cycle : cycles per sample, with K cycle < 1/2
+    returns (block, channel, K + 1) complex
+    """
+    edges = np.asarray(edges, dtype=np.int64)
+    lengths = np.diff(edges)
+    K = harmonics
+    table = _table(cycle, K, int(min(lengths.max(), CHUNK)))
+    solve: dict[int, np.ndarray] = {}
+    found = []
+    for start, length in zip(edges[:-1], lengths, strict=True):
+        sums: np.ndarray | float = 0.0
+        for at in range(start, start + length, CHUNK):
+            y = read(at, min(at + CHUNK, start + length))
+            part = y @ table[: y.shape[1]]
+            sums = sums + (part[:, : K + 1] + 1j * part[:, K + 1 :]) * _rotation(cycle, K, at - start)
+        sums = np.asarray(sums)
+        if int(length) not in solve:
+            solve[int(length)] = np.linalg.inv(_normal_matrix(cycle, K, int(length)))
+        right = np.concatenate([sums[:, :0:-1].conj(), sums], axis=1)  # the samples are real
+        one_sided = (right @ solve[int(length)].T)[:, K:]
+        one_sided[:, 0] = one_sided[:, 0].real
+        one_sided[:, 1:] *= 2.0
+        found.append(one_sided * _rotation(cycle, K, start - edges[0]))
+    return np.array(found)
+
+
+def fit_harmonics(read: Reader, start: int, stop: int, cycle: float, harmonics: int) -> np.ndarray:
+    """Harmonics 0..K by least squares over the samples start..stop, theta = 0 at start.   returns (channel, K + 1)"""
+    return block_harmonics(read, np.array([start, stop]), cycle, harmonics)[0]
+
+
+def evaluate(harmonics: np.ndarray, cycle: float, first: int, length: int) -> np.ndarray:
+    """Re sum_k c_k exp(j k theta) at the samples first..first + length, theta = 0 at sample 0.
+
+    harmonics : (channel, K + 1)   returns (channel, length)
+    """
+    K = harmonics.shape[1] - 1
+    table = _table(cycle, K, min(length, CHUNK))
+    y = np.empty((harmonics.shape[0], length))
+    for at in range(0, length, CHUNK):
+        turned = harmonics * _rotation(cycle, K, first + at).conj()
+        size = min(CHUNK, length - at)
+        y[:, at : at + size] = np.concatenate([turned.real, turned.imag], axis=1) @ table[:size].T
+    return y
+
+
+def residuals(
+    read: Reader, start: int, stop: int, cycle: float, harmonics: np.ndarray, size: int = 1 << 16
+) -> Iterator[tuple[int, np.ndarray]]:
+    """What the harmonics leave of the samples, block by block: (index after start, (channel, size))."""
+    for at in range(start, stop, size):
+        y = read(at, min(at + size, stop))
+        yield at - start, y - evaluate(harmonics, cycle, at - start, y.shape[1])
+
+
+def search_cycle(samples: np.ndarray, cycle: float, *, span: float = 0.1, harmonics: int = 12) -> float:
+    """The fundamental near a stated one, by the sum of the power at its harmonics; good to a fraction of a bin.
+
+    Lines of the true fundamental are all caught only there; between equals the one nearer to the stated one is taken.
+
+    samples : (channel, sample), some tens of periods   cycle : cycles per sample   span : relative, to either side
+    """
+    n = samples.shape[1]
+    K = max(1, min(harmonics, int(0.5 / (cycle * (1 + span)))))
+    size = 1 << int(np.ceil(np.log2(8 * n)))
+    windowed = (samples - samples.mean(axis=1, keepdims=True)) * np.hanning(n)
+    power = np.sum(np.abs(np.fft.rfft(windowed, size)) ** 2, axis=0)
+    steps = int(np.ceil(span * cycle * 4 * n * K))
+    candidates = cycle * (1 + span * np.arange(-steps, steps + 1) / steps)
+    bins = np.rint(np.multiply.outer(candidates, np.arange(1, K + 1)) * size).astype(int)
+    score = power[np.minimum(bins, len(power) - 1)].sum(axis=1)
+    score *= 1 - 0.02 * np.abs(candidates / cycle - 1) / span
+    return float(candidates[np.argmax(score)])
+
+
+class Cycle(NamedTuple):
+    """A fundamental in cycles per sample and its standard deviation."""
+
+    cycle: float
+    sd: float
+
+
+def refine_cycle(
+    read: Reader, start: int, stop: int, cycle: float, *, harmonics: int = 12, segments: int = 64
+) -> Cycle:
+    """The fundamental that maximises the power of its harmonics over the samples start..stop.
+
+    The harmonics of segments turn by 2 pi k (error) per sample from one to the next; Newton's method on the power of their
+    turned-back sum, repeated at the corrected fundamental, ends at the maximum over the samples themselves. The start must
+    be right to about half a period of the highest harmonic over one segment. The standard deviation comes from the scatter
+    of the segments' pulls, so it needs no white noise.
+    """
+    K = max(1, min(harmonics, int(0.49 / cycle)))
+    order = np.arange(1, K + 1)
+    sd = np.inf
+    for _ in range(12):
+        count = int(np.clip((stop - start) * cycle, 2, segments))
+        edges = np.rint(np.linspace(start, stop, count + 1)).astype(np.int64)
+        found = block_harmonics(read, edges, cycle, K)[:, :, 1:]  # (segment, channel, harmonic)
+        time = 2 * np.pi * ((edges[:-1] + edges[1:]) / 2 - (start + stop) / 2)  # (segment,)
+
+        def turned_back(delta: float, found=found, time=time) -> tuple[np.ndarray, np.ndarray]:
+            rate = np.multiply.outer(time, order)[:, np.newaxis, :]
+            return found * np.exp(-1j * delta * rate), rate
+
+        reach, spacing = 0.5 / K * count / (stop - start), 0.25 / K / (stop - start)
+        trials = np.arange(-reach, reach + spacing, spacing)
+        power = [np.sum(np.abs(turned_back(trial)[0].sum(axis=0)) ** 2) for trial in trials]
+        delta = float(trials[int(np.argmax(power))]) if np.argmax(power) not in (0, len(trials) - 1) else 0.0
+        for _ in range(20):
+            c, rate = turned_back(delta)
+            total, slope, bend = c.sum(axis=0), (-1j * rate * c).sum(axis=0), (-(rate**2) * c).sum(axis=0)
+            first = np.sum((total.conj() * slope).real)
+            second = np.sum(np.abs(slope) ** 2 + (total.conj() * bend).real)
+            if second >= 0:
+                break
+            step = -first / second
+            delta += float(np.clip(step, -spacing, spacing))
+            if abs(step) <= 1e-15 * cycle:
+                break
+        c, rate = turned_back(delta)
+        mean = c.mean(axis=0)
+        pull = np.sum((mean.conj() * c).imag * rate, axis=(1, 2))
+        stiffness = np.sum(np.abs(mean) ** 2 * rate**2)
+        if stiffness > 0:
+            sd = float(np.sqrt(np.sum(pull**2) * count / max(count - 2, 1)) / stiffness)
+        cycle += delta
+        if abs(delta) <= 1e-11 * cycle or abs(delta) <= 1e-4 * sd:
+            break
+    return Cycle(cycle, sd)
+
+
+def low_pass_kernel(cutoff: float, order: int = 4) -> np.ndarray:
+    """The symmetric impulse response of a Butterworth filter run forward and backward, with unit gain at zero frequency.
+
+    Its gain is 1 / (1 + (tan(pi f) / tan(pi f0))^(2 order)), with f0 chosen so that the gain of both runs together, not of
+    one, is 1/sqrt(2) at the cutoff. The response falls off exponentially and is cut where it is 1e-13 of its peak.
+
+    cutoff : cycles per sample, below 1/2   returns (2 m + 1,)
+    """
+    if not 0 < cutoff < 0.5:
+        raise ValueError(f"{cutoff=} is not between 0 and 1/2 cycles per sample")
+    size = 1 << int(np.ceil(np.log2(64 / min(cutoff, 0.5 - cutoff))))
+    warped = np.tan(np.pi * np.minimum(np.arange(size // 2 + 1) / size, 0.5 - 1e-12)) / np.tan(np.pi * cutoff)
+    gain = 1.0 / (1.0 + (np.sqrt(2.0) - 1.0) * warped ** (2 * order))
+    response = np.fft.irfft(gain, size)[: size // 2]
+    reach = int(np.flatnonzero(np.abs(response) > 1e-13 * response[0])[-1])
+    kernel = np.concatenate([response[reach:0:-1], response[: reach + 1]])
+    return kernel / kernel.sum()
+
+
+def smoothed(read: Reader, length: int, kernel: np.ndarray) -> Reader:
+    """A reader of the signal convolved with a symmetric kernel; beyond its ends the signal is mirrored in its end points.
+
+    length : samples of the signal   kernel : (2 m + 1,)
+    """
+    reach = len(kernel) // 2
+
+    def read_smoothed(start: int, stop: int) -> np.ndarray:
+        low, high = start - reach, stop + reach
+        y = read(max(low, 0), min(high, length))
+        before, after = max(-low, 0), max(high - length, 0)
+        if before or after:
+            y = np.pad(y, ((0, 0), (before, after)), mode="reflect", reflect_type="odd")
+        size = 1 << int(np.ceil(np.log2(y.shape[1] + 2 * reach)))
+        product = np.fft.irfft(np.fft.rfft(y, size) * np.fft.rfft(kernel, size), size)
+        return product[:, 2 * reach : 2 * reach + stop - start]
+
+    return read_smoothed
+
+
+class PeriodAverage(NamedTuple):
+    """The average over the periods on a grid of angles, and what scatters about it."""
+
+    angle: np.ndarray  # (angle,) rad, 0 .. 2 pi
+    average: np.ndarray  # (channel, angle)
+    scatter: np.ndarray  # (channel, angle), standard deviation of a sample at that angle
+    residual_power: np.ndarray  # (channel,), mean square of what the harmonics leave
+
+
+def average_periods(
+    read: Reader, start: int, stop: int, cycle: float, harmonics: np.ndarray, *, phase: float = 0.0, angles: int = 360
+) -> PeriodAverage:
+    """Synchronous average: the harmonics, plus the mean of their residual in bins of angle.
+
+    Only the small residual is binned, so neither interpolation nor the slope of the signal within a bin spoils it.
+
+    harmonics : (channel, K + 1) with theta = 0 at start   phase : rad, theta there in the angle of the result
+    angles : wished; never more than samples per period, so that no bin is empty
+    """
+    bins = max(1, min(angles, int(1 / cycle)))
+    channels = harmonics.shape[0]
+    count, total, square = np.zeros(bins), np.zeros((channels, bins)), np.zeros((channels, bins))
+    for at, rest in residuals(read, start, stop, cycle, harmonics):
+        turn = (at + np.arange(rest.shape[1])) * cycle + phase / (2 * np.pi)
+        index = np.rint(turn % 1.0 * bins).astype(np.int64) % bins
+        count += np.bincount(index, minlength=bins)
+        for channel in range(channels):
+            total[channel] += np.bincount(index, rest[channel], bins)
+            square[channel] += np.bincount(index, rest[channel] ** 2, bins)
+    seen = np.maximum(count, 1)
+    mean = total / seen
+    spread = np.sqrt(np.maximum(square / seen - mean**2, 0.0) * seen / np.maximum(seen - 1, 1))
+    angle = 2 * np.pi * np.arange(bins) / bins
+    turned = harmonics * np.exp(-1j * phase * np.arange(harmonics.shape[1]))
+    model = np.real(turned @ np.exp(1j * np.outer(np.arange(harmonics.shape[1]), angle)))
+    return PeriodAverage(angle, model + mean, spread, square.sum(axis=1) / (stop - start))
+
+
+class Line(NamedTuple):
+    """A line that stands out of a spectrum."""
+
+    channel: int
+    frequency: float  # cycles per sample
+    amplitude: float
+    exceeds: float  # times the local median amplitude
+
+
+def asynchronous_lines(
+    read: Reader,
+    start: int,
+    stop: int,
+    cycle: float,
+    harmonics: np.ndarray,
+    *,
+    family_error: float = 0.01,
+    longest: int = 1 << 17,
+    neighbours: int = 101,
+    guard: float = 0.05,
+) -> list[Line]:
+    """Lines of the residual's spectrum that noise would reach once in 1 / family_error recordings.
+
+    Periodograms (Hann window) of equal stretches are averaged; where there is only noise, the mean of m of them follows a
+    gamma distribution about its level, which the local median tells. Beside a multiple of the fundamental stands what its
+    own wander leaves, so three bins, and a share `guard` of the fundamental, are left out to either side.
+
+    harmonics : (channel, K + 1) with theta = 0 at start   neighbours : bins of the local median
+    """
+    from scipy.special import gammaincinv
+
+    stretches = max(1, -(-(stop - start) // longest))
+    size = (stop - start) // stretches
+    if size < 2 * neighbours:
+        return []
+    window = np.hanning(size + 1)[:-1]
+    power: np.ndarray | float = 0.0
+    for _, rest in residuals(read, start, start + size * stretches, cycle, harmonics, size):
+        power = power + np.abs(np.fft.rfft((rest - rest.mean(axis=1, keepdims=True)) * window)) ** 2 / stretches
+    power = np.asarray(power)
+    frequency = np.arange(power.shape[1]) / size
+    distance = np.abs(frequency / cycle - np.rint(frequency / cycle))  # in fundamentals; multiple 0 is the drift
+    clear = distance > max(3.0 / (size * cycle), guard)
+    level = np.array([_running_median(p, neighbours) for p in power])
+    bins = max(int(clear.sum()) * len(power), 1)
+    threshold = gammaincinv(stretches, (1 - family_error) ** (1 / bins)) / gammaincinv(stretches, 0.5)
+    lines = []
+    for channel, p in enumerate(power):
+        over = (p > threshold * level[channel]) & clear
+        for i in np.flatnonzero(over):
+            near = slice(max(i - 3, 0), i + 4)
+            centre = float(np.sum(frequency[near] * p[near]) / np.sum(p[near]))
+            if p[i] < p[near].max() or abs(centre / cycle - round(centre / cycle)) <= guard:
+                continue
+            amplitude = 2 * np.sqrt(np.sum(p[near]) / (size * np.sum(window**2)))
+            lines.append(Line(channel, centre, float(amplitude), float(np.sqrt(p[i] / level[channel, i]))))
+    return lines
+
+
+def _running_median(values: np.ndarray, width: int) -> np.ndarray:
+    """The median of `width` neighbours around each value; at the ends, of those there are on the inner side."""
+    medians = np.median(np.lib.stride_tricks.sliding_window_view(values, width), axis=1)
+    return np.pad(medians, (width // 2, len(values) - len(medians) - width // 2), mode="edge")
