@@ -234,7 +234,8 @@ class SourceTables(Table):
     """How the columns of a file become channels; the same in recipes, in [impact] and in a SETUP.toml."""
 
     map: dict[str, str] = Field(
-        default_factory=dict, description="channel = signed column, such as fx = '+Fy'; also acts_on = tool or workpiece"
+        default_factory=dict,
+        description="channel = signed column, such as fx = '+Fy'; also acts_on = tool or workpiece",
     )
     units: dict[str, str] = Field(default_factory=dict, description="column = unit, such as Fx = 'N'")
     acts_on: Literal["tool", "workpiece"] | None = Field(

@@ -28,9 +28,11 @@ def sha256_of(path: Path) -> str:
 def provenance(inputs: Iterable[Path], recipe_text: str = "", seed: int = 0) -> dict:
     """Provenance of a result made from these files: equal inputs on an equal machine give an equal dict."""
     return {
-        "millcal": __version__,
-        "python": platform.python_version(),
-        **{name: version(name) for name in PACKAGES},
+        "versions": {
+            "millcal": __version__,
+            "python": platform.python_version(),
+            **{name: version(name) for name in PACKAGES},
+        },
         "seed": seed,
         "inputs": {Path(path).as_posix(): sha256_of(path) for path in inputs},
         "recipe": recipe_text,

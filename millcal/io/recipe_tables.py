@@ -4,7 +4,18 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field, field_validator
 
-from millcal.io.keys import ConditionsTable, CutterTable, Direction, Interval, Positive, SourceTables, Span, Table, tuple_of
+from millcal.io.keys import (
+    ConditionsTable,
+    CutterTable,
+    Direction,
+    Interval,
+    Positive,
+    SourceTables,
+    Span,
+    Table,
+    tuple_of,
+)
+from millcal.io.recipe_simulate import SimulateTable
 
 
 class CutTable(ConditionsTable):
@@ -70,7 +81,9 @@ class CoefficientsTable(Table):
     )
     taper: bool = Field(False, description="let the runout vary along the cutter")
     harmonics: int | None = Field(None, ge=1, description="highest harmonic of the fit; chosen when absent")
-    contact_loss: Literal["auto"] | bool = Field("auto", description="teeth that miss the cut by runout: auto, true, false")
+    contact_loss: Literal["auto"] | bool = Field(
+        "auto", description="teeth that miss the cut by runout: auto, true, false"
+    )
     mean_weight: Positive = Field(5.0, description="weight of the mean force beside one harmonic")
     sensor: str | None = Field(None, description="FRF file of the dynamometer, force out by force in")
 
@@ -91,12 +104,6 @@ class StabilityTable(Table):
     feed_per_tooth_mm: Positive | None = Field(None, description="feed per tooth for removal rates, mm")
     spindle_speed_rpm: Positive | None = Field(None, description="spindle speed of the operating point, rpm")
     axial_depth_mm: Positive | None = Field(None, description="axial depth of the operating point, mm")
-
-
-class SimulateTable(Table):
-    """What to simulate; see `millcal simulate`."""
-
-    model_config: ClassVar = {**Table.model_config, "extra": "allow"}
 
 
 def _interval_or_text(value: Any) -> Any:
@@ -122,7 +129,9 @@ class RecipeTables(SourceTables):
     impact: ImpactTable | None = Field(None, description="impact tests at the tool tip")
     frf: FrfTable = Field(default_factory=FrfTable, description="options of the FRF estimate")
     structure: StructureTable | None = Field(None, description="dynamics given by hand")
-    coefficients: CoefficientsTable = Field(default_factory=CoefficientsTable, description="options of the identification")
+    coefficients: CoefficientsTable = Field(
+        default_factory=CoefficientsTable, description="options of the identification"
+    )
     stability: StabilityTable | None = Field(None, description="options of the stability map; no map when absent")
     simulate: SimulateTable | None = Field(None, description="synthetic recordings to write")
     expect: dict[str, Annotated[Interval | str, BeforeValidator(_interval_or_text)]] = Field(

@@ -17,12 +17,12 @@ from pydantic import BaseModel, ValidationError
 from millcal.data import Modes
 from millcal.errors import RecipeError
 from millcal.io.keys import ChannelTable, ConditionsTable, Hdf5Table, SetupTables, SourceTables, Table, TextTable
+from millcal.io.recipe_simulate import SimulateTable
 from millcal.io.recipe_tables import (
     CoefficientsTable,
     ConditioningTable,
     FrfTable,
     RecipeTables,
-    SimulateTable,
     StabilityTable,
 )
 from millcal.io.toml_places import locate
@@ -212,9 +212,7 @@ def _setup(tables: SourceTables, document: Document, **more: Any) -> Setup:
     )
 
 
-def _conditions(
-    document: Document, loc: Loc, keys: ConditionsTable, cutter: Cutter | None
-) -> CuttingConditions | None:
+def _conditions(document: Document, loc: Loc, keys: ConditionsTable, cutter: Cutter | None) -> CuttingConditions | None:
     """Conditions from keys that were merged, None when there are none; a mistake is told at `loc`."""
     if not keys.has_conditions():
         return None
@@ -315,9 +313,11 @@ def validated(model: type[M], document: Document) -> M:
         return model.model_validate(document.data)
     except ValidationError as problem:
         errors = [(_loc_in(document.data, error["loc"]), error) for error in problem.errors()]
-    loc, error = min(
-        errors, key=lambda item: (item[1]["type"] != "extra_forbidden", _line(document, item[0]), len(item[0]))
-    )
+    locs = [loc for loc, _ in errors]
+    causes = [  # a list that lost a bad item is then too short as well: keep the item's error
+        (loc, error) for loc, error in errors if not any(deep[: len(loc)] == loc and deep != loc for deep in locs)
+    ]
+    loc, error = min(causes, key=lambda item: (item[1]["type"] != "extra_forbidden", _line(document, item[0])))
     document.refuse(loc, _told(model, loc, error))
 
 
@@ -331,7 +331,8 @@ def _loc_in(data: Any, loc: Loc) -> Loc:
     """The part of pydantic's location that is in the data, and a missing last key: no names of unions or validators."""
     path: list[str | int] = []
     for part in loc:
-        if isinstance(data, dict) and part in data or isinstance(data, list) and isinstance(part, int):
+        in_table = isinstance(data, dict) and part in data
+        if in_table or (isinstance(data, list) and isinstance(part, int) and part < len(data)):
             data = data[part]
             path.append(part)
         elif isinstance(data, dict) and part == loc[-1]:
@@ -350,7 +351,7 @@ def _told(model: type[Table], loc: Loc, error: Any) -> str:
     if kind == "extra_forbidden":
         return f"unknown key; {_suggestion(str(loc[-1]), table)}"
     if kind == "missing":
-        return f"is missing; {give}"
+        return f"{'has too few items' if isinstance(error['loc'][-1], int) else 'is missing'}; {give}"
     if kind == "value_error":
         return str(context["error"])
     if kind == "literal_error":
@@ -373,8 +374,6 @@ def _told(model: type[Table], loc: Loc, error: Any) -> str:
         "too_short": f"has fewer than {context.get('min_length')} items",
         "too_long": f"has more than {context.get('max_length')} items",
     }
-    if kind == "missing_argument" or (kind == "missing" and isinstance(loc[-1], int)):
-        return f"has too few items; {give}"
     what = words.get(kind, error["msg"][:1].lower() + error["msg"][1:])
     return f"{shown} {what}; {give}" if kind in words else f"{what}; {give}"
 
