@@ -189,7 +189,7 @@ class Frf(Record):
     multiple_coherence: np.ndarray | None = array("1", "frequency", "output", optional=True)
     variance: np.ndarray | None = array("square of values", "frequency", "output", "input", optional=True)
     force_spectrum: np.ndarray | None = array("N", "frequency", "input", optional=True)  # |F| of the mean hit
-    form: Literal["accelerance", "mobility", "receptance"]
+    form: Literal["accelerance", "mobility", "receptance", "transmissibility"]
     estimator: str
     outputs: tuple[str, ...]  # dofs
     inputs: tuple[str, ...]
@@ -289,8 +289,9 @@ class BestSpeed:
 
     spindle_speed: float  # rad/s
     axial_depth: float  # m
-    removal_rate: float  # m^3/s
+    removal_rate: float  # m^3/s; nan without a feed per tooth
     p_stable: float | None  # at that speed and depth, from the bands
+    safe_depth: float | None = None  # m, stable with 97.5 %: the lower end of the band
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -314,4 +315,6 @@ class StabilityMap(Record):
     best: tuple[BestSpeed, ...] = ()
     operating_point: tuple[float, float] | None = None  # rad/s, m
     operating_p_stable: float | None = None
+    operating_limit: float | None = None  # m, at the operating speed
+    operating_limit_interval: tuple[float, float] | None = None  # m, 95 %
     notices: tuple[Notice, ...] = ()
