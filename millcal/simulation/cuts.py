@@ -18,8 +18,10 @@ from millcal.physics.measuring_chain import MeasuringChain
 from millcal.physics.shaped_modes import ShapedMode, accelerance_between
 from millcal.physics.spindle import SpindleMotion
 from millcal.simulation.noise import measured
+from millcal.units import to_shop
 
 TIP = ("tipX", "tipY", "tipZ")
+TRUTH_HARMONICS = 13  # told in the truth, from the mean on: F = Re sum_k c_k exp(j k theta)
 BLOCK = 8192  # samples: three axes of complex numbers stay in the cache
 
 
@@ -60,6 +62,11 @@ class Line:
     amplitude: tuple[float, float, float]  # N, in x, y, z of the tool
 
 
+def shop_values(**values: float) -> dict[str, float]:
+    """SI values in the unit of their key, rounded to the twelve digits that a change of unit keeps."""
+    return {key: float(f"{to_shop(value, key):.12g}") for key, value in values.items()}
+
+
 def synthesise(harmonics: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """Re sum_k c_k exp(j k angle) by Horner's scheme, block by block; `cutting_force.force_at` is the plain form.
 
@@ -84,7 +91,10 @@ def simulate_cut(
     rng: np.random.Generator,
     sample_rate: float,
     timeline: Timeline,
-    motion: SpindleMotion | None = None,
+    initial_angle: float | None = 0.0,
+    speed_error: float = 0.0,
+    variation: float = 0.0,
+    variation_frequency: float = 1.0,
     dynamometer: MeasuringChain | None = MeasuringChain(),
     modes: Sequence[ShapedMode] = (),
     accelerometers: Sequence[str] = (),
@@ -94,14 +104,21 @@ def simulate_cut(
     pulse_angle: float = 0.0,
     start_time: float = 0.0,
     name: str = "",
+    axis_map: Mapping[str, str] | None = None,
+    acts_on: str = "tool",
 ) -> tuple[Recording, dict]:
-    """One cut as a measuring chain would have recorded it, and the truth behind it in SI.
+    """One cut as a measuring chain would have recorded it, and the truth behind it (JSON, in the shop's units).
 
-    sample_rate : Hz   motion : None is the conditions' speed from angle 0   dynamometer : None leaves the force channels out
+    sample_rate : Hz   initial_angle : rad, of the spindle at the first sample; None: drawn
+    speed_error : share by which the spindle misses the conditions' speed   variation, variation_frequency : as SpindleMotion
+    dynamometer : None leaves the force channels out
     modes, accelerometers : structure, and the dofs at which its acceleration under the cutting force is measured
     pulse_angle : rad, spindle angle at which the once-per-revolution pulse rises   start_time : s, of the first sample
+    axis_map, acts_on : name and turn the force channels as `as_dynamometer_channels` does; None: the tool's axes
     """
-    motion = motion or SpindleMotion(conditions.spindle_speed / (2 * np.pi))
+    initial_angle = rng.uniform(0.0, 2 * np.pi) if initial_angle is None else initial_angle
+    frequency = conditions.spindle_speed / (2 * np.pi) * (1 + speed_error)
+    motion = SpindleMotion(frequency, initial_angle, variation, variation_frequency)
     time = np.arange(round(timeline.duration * sample_rate)) / sample_rate
     highest = int(np.ceil(sample_rate / 2 / motion.highest_frequency)) - 1
     force = force_harmonics(law, cutter, conditions, highest)
@@ -150,12 +167,21 @@ def simulate_cut(
         cutter=cutter,
         conditions=conditions,
     )
+    if axis_map:
+        recording = as_dynamometer_channels(recording, axis_map, acts_on)
     truth = {
-        "spindle_frequency": motion.frequency,
-        "initial_angle": motion.initial_angle,
-        "steady": timeline.steady_span,
-        "harmonics": force,
-        "mean_force": force[:, 0].real,
+        "kind": "cut",
+        "conditions": shop_values(
+            spindle_speed_rpm=conditions.spindle_speed,
+            feed_per_tooth_mm=conditions.feed_per_tooth,
+            axial_depth_mm=conditions.axial_depth,
+            radial_depth_mm=conditions.radial_depth,
+        )
+        | {"direction": conditions.direction},
+        "spindle_frequency_hz": motion.frequency,
+        "steady_s": list(timeline.steady_span),
+        "force_harmonics_N": [[[c.real, c.imag] for c in row] for row in force[:, :TRUTH_HARMONICS]],
+        **shop_values(initial_angle_deg=motion.initial_angle),
     }
     return recording, truth
 

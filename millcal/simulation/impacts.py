@@ -66,7 +66,7 @@ def simulate_impact(
     accelerometer: MeasuringChain = MeasuringChain(),
     name: str = "",
 ) -> tuple[Recording, dict]:
-    """One impact test with the hammer at one dof, and the truth behind it in SI.
+    """One impact test with the hammer at one dof, and the truth behind it (JSON, in the shop's units).
 
     record, pulse, pretrigger, onset_jitter : s; a hit begins at pretrigger + uniform(0, onset_jitter) in its record
     peak : N, mean over the hits   peak_spread, pulse_spread : relative standard deviations
@@ -100,16 +100,19 @@ def simulate_impact(
         samples=values, sample_rate=sample_rate, channels=tuple(channels), kind="impact", name=name, segments=segments
     )
     truth = {
+        "kind": "impact",
+        "input": hammer,
+        "outputs": list(accelerometers),
         "hits": [
             {
                 "index": hit,
-                "onset": hit * length / sample_rate + pulses[0].onset,
-                "peak": pulses[0].peak,
-                "pulse": pulses[0].duration,
+                "onset_s": hit * length / sample_rate + pulses[0].onset,
+                "peak_N": pulses[0].peak,
+                "pulse_ms": 1e3 * pulses[0].duration,
                 "fault": faulty[hit].kind if hit in faulty else None,
             }
             for hit, pulses in enumerate(planned)
-        ]
+        ],
     }
     return recording, truth
 
