@@ -16,7 +16,7 @@ class Separable(NamedTuple):
     nonlinear: np.ndarray  # (p,)
     linear: np.ndarray  # (q,)
     residual: np.ndarray  # data - model, (rows,)
-    cost: float  # |residual|^2
+    cost: float  # |residual|^2, and the pull where there is one
 
 
 def solve_linear(matrix: np.ndarray, data: np.ndarray) -> np.ndarray:
@@ -35,6 +35,9 @@ def separable_least_squares(
     lower: np.ndarray,
     upper: np.ndarray,
     scale: np.ndarray,
+    pull_to: np.ndarray | None = None,
+    pull: np.ndarray | None = None,
+    held: np.ndarray | None = None,
     tolerance: float = 1e-10,
     max_steps: int = 100,
 ) -> Separable:
@@ -42,12 +45,14 @@ def separable_least_squares(
 
     matrix : p -> (rows, q)   derivative : (p, q) -> d(matrix(p) q)/dp, (rows, p)   data : (rows,)
     start, lower, upper, scale : (p,), the last the size of a natural step
+    pull_to, pull : (p,), adds |pull (p - pull_to)|^2 to the cost, for unknowns that the data may not reach
+    held : (q,), the linear unknowns are held at these instead of projected out
     """
     from scipy.optimize import least_squares
 
     def projected(p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         a = matrix(p)
-        q = solve_linear(a, data)
+        q = solve_linear(a, data) if held is None else held
         return a, q, data - a @ q
 
     last: dict[bytes, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
@@ -61,14 +66,20 @@ def separable_least_squares(
 
     def jacobian(x: np.ndarray) -> np.ndarray:
         a, q, _ = at(x * scale)
-        norm = np.linalg.norm(a, axis=0)
-        basis, triangle = np.linalg.qr(a[:, norm > 0] / norm[norm > 0])
-        basis = basis[:, np.abs(np.diag(triangle)) > 1e-10]
         slope = derivative(x * scale, q) * scale
-        return -(slope - basis @ (basis.T @ slope))
+        if held is None:
+            norm = np.linalg.norm(a, axis=0)
+            basis, triangle = np.linalg.qr(a[:, norm > 0] / norm[norm > 0])
+            basis = basis[:, np.abs(np.diag(triangle)) > 1e-10]
+            slope = slope - basis @ (basis.T @ slope)
+        return np.concatenate([-slope, -np.diag(pull * scale)]) if pull is not None else -slope
+
+    def residuals(x: np.ndarray) -> np.ndarray:
+        residual = at(x * scale)[2]
+        return np.concatenate([residual, pull * (pull_to - x * scale)]) if pull is not None else residual
 
     found = least_squares(
-        lambda x: at(x * scale)[2],
+        residuals,
         np.clip(start, lower, upper) / scale,
         jac=jacobian,
         bounds=(lower / scale, upper / scale),
@@ -81,4 +92,4 @@ def separable_least_squares(
     )
     p = found.x * scale
     _, q, residual = projected(p)
-    return Separable(p, q, residual, float(residual @ residual))
+    return Separable(p, q, residual, 2 * float(found.cost))

@@ -11,6 +11,7 @@ harmonics are Gauss integrals over a few smooth pieces, and they vary smoothly w
 The helix is a lag: a slice at height z repeats the edge's force later by kappa(z) = z tan(helix) / R.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -107,38 +108,30 @@ def contact_pieces(a: np.ndarray, b: np.ndarray, entry: float, leave: float) -> 
 
     a, b : (k,) m, the lines of this tooth   entry, leave : rad, within 0..pi
     """
-    u0 = max(0.0, float(np.max(-b / a)))  # lowest sin(phi) at which every line is positive
-    if u0 >= 1.0:
+    lines = list(zip(a.tolist(), b.tolist(), strict=True))  # N numbers: plain Python beats array calls here
+    u = max(0.0, max(-height / slope for slope, height in lines))  # lowest sin(phi) at which every line is positive
+    if u >= 1.0:
         return []
-    breaks, lines = [u0], []  # walk up the concave envelope: slopes fall from piece to piece
-    current = int(np.lexsort((a, a * u0 + b))[0])
+    envelope = []  # (u from, slope, height), walking up the concave envelope: slopes fall from piece to piece
+    slope, height = min(lines, key=lambda line: (line[0] * u + line[1], line[0]))
     while True:
-        lines.append(current)
-        flatter = np.flatnonzero(a < a[current] - 1e-15)
-        if not len(flatter):
+        envelope.append((u, slope, height))
+        ahead = [((h - height) / (slope - s), s, h) for s, h in lines if s < slope - 1e-15]
+        if not ahead or min(ahead)[0] >= 1.0:
             break
-        crossing = (b[flatter] - b[current]) / (a[current] - a[flatter])
-        nearest = int(np.argmin(crossing))
-        if crossing[nearest] >= 1.0:
-            break
-        breaks.append(max(float(crossing[nearest]), breaks[-1]))
-        current = int(flatter[nearest])
-    rising = np.arcsin(np.array([*breaks, 1.0]))
-    pieces = [(rising[i], rising[i + 1], lines[i]) for i in range(len(lines))]
-    pieces += [(np.pi - hi, np.pi - lo, line) for lo, hi, line in reversed(pieces)]
-    merged: list[tuple[float, float, int]] = []
-    for lo, hi, line in pieces:
-        lo, hi = max(lo, entry), min(hi, leave)
-        if hi - lo <= 1e-12:
-            continue
-        if merged and merged[-1][2] == line:
-            merged[-1] = (merged[-1][0], hi, line)
-        else:
-            merged.append((lo, hi, line))
-    return [(lo, hi, float(a[line]), float(b[line])) for lo, hi, line in merged]
+        crossing, slope, height = min(ahead)
+        u = max(u, crossing)
+    rising = [(math.asin(u), slope, height) for u, slope, height in envelope]
+    ends = [lo for lo, _, _ in rising[1:]] + [math.pi / 2]
+    pieces = [(lo, hi, slope, height) for (lo, slope, height), hi in zip(rising, ends, strict=True)]
+    top_lo, _, slope, height = pieces.pop()
+    falling = [(math.pi - hi, math.pi - lo, slope, height) for lo, hi, slope, height in reversed(pieces)]
+    pieces = [*pieces, (top_lo, math.pi - top_lo, slope, height), *falling]
+    inside = [(max(lo, entry), min(hi, leave), slope, height) for lo, hi, slope, height in pieces]
+    return [piece for piece in inside if piece[1] - piece[0] > 1e-12]
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=64)
 def _gauss(n: int) -> tuple[np.ndarray, np.ndarray]:
     """Nodes and weights on 0..1 after x = s^3 (10 - 15 s + 6 s^2), which flattens a root h^(1-m) at the ends of contact."""
     s, w = np.polynomial.legendre.leggauss(n)
@@ -151,35 +144,51 @@ ChipFunctions = Callable[[np.ndarray], np.ndarray]  # chip (node,) -> (function,
 
 def edge_harmonics(
     functions: ChipFunctions,
-    lines: tuple[np.ndarray, np.ndarray],
-    lag: np.ndarray,
-    entry: float,
-    leave: float,
-    harmonics: int,
+    cutter: Cutter,
+    feed_per_tooth: float,
+    offsets: np.ndarray,
+    wind: np.ndarray,
+    span: tuple[float, float],
 ) -> np.ndarray:
-    """Fourier integrals of g(h(phi)), g sin(phi), g cos(phi) over one revolution, summed over the teeth, per unit of depth.
+    """Fourier integrals of g(h(phi)), g sin(phi), g cos(phi) over one revolution, summed over teeth and slices.
 
-    Times exp(-j k lag) for each tooth; one-sided, so that f(theta) = Re sum_k c_k exp(j k theta).
-    lines : slopes and heights (tooth, k)   lag : (tooth,) rad   returns complex (3, function, harmonics + 1)
+    One-sided, so that f(theta) = Re sum_k c_k exp(j k theta). The Gauss nodes of a piece follow its length and the highest
+    harmonic: about three to the shortest wave, and twenty for the chip itself.
+    offsets : radial offset (tooth, slice) m   wind : exp(-j k kappa) times the width of each slice, (slice, harmonic), m
+    span : entry and exit, rad   returns complex (3, function, harmonic), m
     """
-    order = np.arange(harmonics + 1)
-    node, weight = _gauss(48 + 2 * harmonics)
-    angles, chips, areas, turns = [], [], [], []
-    for a, b, psi in zip(*lines, lag, strict=True):
-        for lo, hi, slope, height in contact_pieces(a, b, entry, leave):
-            angle = lo + (hi - lo) * node
-            angles.append(angle)
-            chips.append(np.maximum(slope * np.sin(angle) + height, 0.0))
-            areas.append((hi - lo) * weight)
-            turns.append(angle + psi)
-    if not angles:
+    harmonics = wind.shape[1] - 1
+    lag = cutter.tooth_lag()
+    lo, hi, slope, height, psi, place, count = [], [], [], [], [], [], []
+    for i in range(offsets.shape[1]):
+        for a, b, tooth_lag in zip(*chip_lines(cutter, feed_per_tooth, offsets[:, i]), lag, strict=True):
+            for piece in contact_pieces(a, b, *span):
+                for column, value in zip((lo, hi, slope, height), piece, strict=True):
+                    column.append(value)
+                psi.append(tooth_lag)
+                place.append(i)
+                count.append(20 + int(1.1 * (harmonics + 1) * (piece[1] - piece[0])))
+    if not lo:
         return np.zeros((3, len(functions(np.zeros(1))), harmonics + 1), complex)
-    phi = np.concatenate(angles)
-    g = functions(np.concatenate(chips)) * np.concatenate(areas) / np.pi
-    kernel = np.exp(-1j * np.outer(np.concatenate(turns), order))
-    kernel[:, 0] *= 0.5
-    stacked = np.stack([g, g * np.sin(phi), g * np.cos(phi)])
-    return stacked @ kernel
+    rules = [_gauss(n) for n in count]
+    length = np.repeat(np.array(hi) - np.array(lo), count)
+    phi = np.repeat(lo, count) + length * np.concatenate([rule[0] for rule in rules])
+    weight = length * np.concatenate([rule[1] for rule in rules]) / np.pi
+    chip = np.maximum(np.repeat(slope, count) * np.sin(phi) + np.repeat(height, count), 0.0)
+    g = functions(chip) * weight
+    turn = np.exp(-1j * (phi + np.repeat(psi, count)))
+    kernel = np.empty((harmonics + 1, len(phi)), complex)
+    kernel[0] = 0.5
+    if harmonics:
+        kernel[1] = turn
+        for k in range(2, harmonics + 1):
+            np.multiply(kernel[k - 1], turn, out=kernel[k])
+    first = np.flatnonzero(np.diff(np.repeat(place, count), prepend=-1))
+    values = np.concatenate([g, g * np.sin(phi), g * np.cos(phi)])  # (3 function, node)
+    total = np.zeros((len(values), harmonics + 1), complex)
+    for start, stop in zip(first, [*first[1:], len(phi)], strict=True):
+        total += (values[:, start:stop] @ kernel[:, start:stop].T) * wind[np.repeat(place, count)[start]]
+    return total.reshape(3, -1, harmonics + 1)
 
 
 def force_basis(
@@ -193,32 +202,22 @@ def force_basis(
     """Harmonics of the force on the tool per unit of each coefficient, at spindle angle theta = 0 for tooth 0 at the bottom.
 
     The axes couple as in `to_machine_axes`: entry [axis, direction, function, k] is the harmonic k of F_axis when direction
-    t, r or a has the edge force g_function(h) per unit of width.
+    t, r or a has the edge force g_function(h) per unit of width. Slices are Gauss nodes along the axis; where all slices are
+    alike, one stands for all, times the exact helix factor.
     functions : chip (node,) m -> (function, node), e.g. 1 and h for the linear-edge law
     offset : height (slice,) m -> radial offset (tooth, slice) m; None: the cutter's own runout
     returns complex (3, 3, function, harmonics + 1), SI
     """
-    entry, leave = engagement(conditions, cutter.diameter)
-    order = np.arange(harmonics + 1)
-    lag, depth = cutter.tooth_lag(), conditions.axial_depth
+    span = engagement(conditions, cutter.diameter)
+    depth = conditions.axial_depth
     full_lag = float(cutter.helix_lag(np.array(depth)))
-    n_slices = 8 + int(np.ceil(full_lag * (harmonics + 1) / 2))
-    s, w = np.polynomial.legendre.leggauss(n_slices)
+    s, w = np.polynomial.legendre.leggauss(8 + math.ceil(full_lag * (harmonics + 1) / 2))
     height, width = depth * (s + 1) / 2, depth * w / 2
     offsets = radial_offset(cutter, height) if offset is None else offset(height)
-    wind = np.exp(-1j * np.outer(cutter.helix_lag(height), order)) * width[:, np.newaxis]  # (slice, k)
-    if np.ptp(offsets, axis=1).max() <= 1e-15:  # every slice alike: one edge, times the helix factor
-        lines = chip_lines(cutter, conditions.feed_per_tooth, offsets[:, 0])
-        total = edge_harmonics(functions, lines, lag, entry, leave, harmonics) * wind.sum(axis=0)
-    else:
-        total = sum(
-            edge_harmonics(
-                functions, chip_lines(cutter, conditions.feed_per_tooth, offsets[:, i]), lag, entry, leave, harmonics
-            )
-            * wind[i]
-            for i in range(n_slices)
-        )
-    plain, with_sin, with_cos = total
+    wind = np.exp(-1j * np.outer(cutter.helix_lag(height), np.arange(harmonics + 1))) * width[:, np.newaxis]
+    if np.ptp(offsets, axis=1).max() <= 1e-15:
+        offsets, wind = offsets[:, :1], wind.sum(axis=0, keepdims=True)
+    plain, with_sin, with_cos = edge_harmonics(functions, cutter, conditions.feed_per_tooth, offsets, wind, span)
     basis = np.zeros((3, 3, *plain.shape), complex)
     basis[0, 0], basis[0, 1] = -with_cos, -with_sin
     basis[1, 0], basis[1, 1] = with_sin, -with_cos

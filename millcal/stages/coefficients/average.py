@@ -1,0 +1,266 @@
+"""Cutting coefficients from the mean forces of cuts at several feeds: linear-edge law, any immersion.
+
+The mean force over whole revolutions is linear in the six coefficients, and runout leaves it alone as long as every tooth
+stays in contact [Altintas, Manufacturing Automation, sec. 2.8.1; for a slot eq. 2.55]. When a tooth loses contact at the
+small feeds, the mean bends; one more unknown, the runout c0 that it takes, then describes the bend.
+
+The intervals come from the scatter of the cuts about the model. What the noise within a record would give is 10 to 40
+times narrower and says nothing of the model.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from millcal.data import AXES, CutForce, Notice, Posterior
+from millcal.errors import IllPosedError
+from millcal.numerics.jackknife import student_quantile
+from millcal.numerics.separable_least_squares import solve_linear
+from millcal.physics.cutting_force import force_basis, linear_edge_functions
+
+NAMES = ("Ktc", "Krc", "Kac", "Kte", "Kre", "Kae")
+UNITS = ("N/m^2", "N/m^2", "N/m^2", "N/m", "N/m", "N/m")
+LARGEST_RUNOUT = 60e-6  # m, end of the search for contact loss
+
+
+@dataclass(frozen=True, eq=False)
+class MeanForceFit:
+    """The regression of mean forces, with or without contact loss."""
+
+    coefficients: np.ndarray  # (6,), in the order of NAMES
+    covariance: np.ndarray  # (6,), then c0 where it is fitted
+    dof: float
+    runout: float  # c0, m
+    modelled: np.ndarray  # (cut, axis), N
+    residual: np.ndarray  # (cut, axis), N
+    squared_sum: float  # N^2
+
+
+@dataclass(frozen=True)
+class ContactLoss:
+    """Whether a runout c0 that takes a tooth out of the cut explains what the line leaves."""
+
+    runout: float  # c0, m
+    ratio: float  # of the sums of squares, with over without
+    f_value: float  # nominal F of the one unknown
+    explains: bool
+
+
+def mean_forces(cuts: Sequence[CutForce], rows: str) -> np.ndarray:
+    """Mean force of every cut over whole revolutions, or over all rows of the steady part.   returns (cut, axis) N"""
+    if rows == "all":
+        return np.stack([cut.mean_all_rows for cut in cuts])
+    return np.stack([cut.harmonics[:, 0].real for cut in cuts])
+
+
+def mean_force_matrix(cuts: Sequence[CutForce], runout: float) -> np.ndarray:
+    """Mean force per unit of each coefficient, in the order of NAMES.   runout : c0, m   returns (cut, axis, 6)"""
+    blocks = []
+    for cut in cuts:
+        offset = runout * np.cos(cut.cutter.tooth_lag())[:, np.newaxis]
+        basis = force_basis(linear_edge_functions, cut.cutter, cut.conditions, 0, offset=lambda z, e=offset: e + 0 * z)
+        blocks.append(basis[:, :, ::-1, 0].real.transpose(0, 2, 1).reshape(3, 6))  # cutting before edge
+    return np.stack(blocks)
+
+
+def solve_means(
+    cuts: Sequence[CutForce], forces: np.ndarray, runout: float, *, fitted_runout: bool = False
+) -> MeanForceFit:
+    """Least squares of the mean forces at one runout, with the covariance from the scatter of the cuts.
+
+    The residuals of one cut in x, y and z are taken as correlated and the cuts as independent; each axis has two unknowns
+    of its own (one line), so that n cuts leave n - 2 degrees of freedom. For five slots these are the intervals of three
+    straight lines. With the runout fitted its column joins the matrix, linearised.
+
+    forces : (cut, axis) N
+    """
+    matrix = mean_force_matrix(cuts, runout)
+    n = len(cuts)
+    theta = solve_linear(matrix.reshape(-1, 6), forces.ravel())
+    modelled = matrix @ theta
+    residual = forces - modelled
+    dof, columns = float(n - 2), matrix
+    if fitted_runout:
+        step = 1e-8
+        slope = (mean_force_matrix(cuts, runout + step) - mean_force_matrix(cuts, max(runout - step, 0.0))) @ theta
+        columns = np.concatenate([matrix, (slope / (runout + step - max(runout - step, 0.0)))[..., np.newaxis]], axis=2)
+        dof = n - 7 / 3
+    if dof > 0:
+        spread = residual.T @ residual / dof
+        scale = np.linalg.norm(columns.reshape(-1, columns.shape[2]), axis=0)
+        scale = np.where(scale > 0, scale, 1.0)
+        inverse = np.linalg.pinv((columns / scale).reshape(-1, columns.shape[2])).reshape(columns.shape[2], n, 3)
+        covariance = np.einsum("pci,ij,qcj->pq", inverse, spread, inverse) / np.outer(scale, scale)
+    else:
+        covariance = np.full((columns.shape[2],) * 2, np.nan)
+    return MeanForceFit(theta, covariance, dof, runout, modelled, residual, float(np.sum(residual**2)))
+
+
+def search_contact_loss(cuts: Sequence[CutForce], forces: np.ndarray) -> tuple[MeanForceFit, ContactLoss]:
+    """The runout c0 whose contact loss explains most of what the straight line leaves.
+
+    The fit with that runout, and whether it is worth its unknown (F > 5). Only the amount of contact loss is determined by
+    the means; its shape is not (a taper does as well), so c0 here is an effective number.
+    """
+    from scipy.optimize import minimize_scalar
+
+    def squares(c0: float) -> float:
+        return solve_means(cuts, forces, c0).squared_sum
+
+    grid = np.linspace(0.0, LARGEST_RUNOUT, 61)
+    level = [squares(c0) for c0 in grid]
+    plain = level[0]
+    i = int(np.argmin(level))
+    found = minimize_scalar(
+        squares, bounds=(grid[max(i - 1, 0)], grid[min(i + 1, 60)]), method="bounded", options={"xatol": 1e-9}
+    )
+    c0 = float(found.x) if found.fun < plain else 0.0
+    fit = solve_means(cuts, forces, c0, fitted_runout=c0 > 0)
+    free = 3 * len(cuts) - 7
+    noise = max(fit.squared_sum, 1e-12 * float(np.sum(forces**2)))
+    f_value = (plain - fit.squared_sum) / (noise / free) if free > 0 else 0.0
+    ratio = fit.squared_sum / plain if plain > 0 else 1.0
+    return fit, ContactLoss(c0, ratio, f_value, c0 > 0 and f_value > 5.0 and plain > 1e-10 * float(np.sum(forces**2)))
+
+
+def check_feeds(cuts: Sequence[CutForce]) -> None:
+    """Two feeds at least, or edge and cutting coefficients cannot be told apart.
+
+    Raises
+    ------
+    IllPosedError
+    """
+    feeds = np.array([cut.conditions.feed_per_tooth for cut in cuts])
+    if len(cuts) < 2 or np.ptp(feeds) < 0.02 * feeds.max():
+        raise IllPosedError(
+            f"cuts: {len(cuts)} at one feed per tooth ({feeds.max() * 1e3:.4g} mm) cannot tell K_c from K_e by their mean forces; "
+            "add cuts at other feeds, or use --method nls"
+        )
+
+
+def posterior_of(fit: MeanForceFit) -> Posterior:
+    """Mean, covariance and Student's interval of the six coefficients (and c0 where it was fitted)."""
+    with_runout = len(fit.covariance) == 7
+    mean = np.append(fit.coefficients, fit.runout) if with_runout else fit.coefficients
+    half = student_quantile(fit.dof) * np.sqrt(np.diag(fit.covariance))
+    return Posterior(
+        names=(*NAMES, "c0") if with_runout else NAMES,
+        units=(*UNITS, "m") if with_runout else UNITS,
+        mean=mean,
+        covariance=fit.covariance,
+        interval=np.stack([mean - half, mean + half], axis=1),
+        law="linear-edge",
+        method="average",
+        dof=fit.dof if fit.dof > 0 else np.inf,
+    )
+
+
+def r_squared(forces: np.ndarray, residual: np.ndarray) -> np.ndarray:
+    """1 - SSE/SST of the means over the cuts.   forces, residual : (cut, axis)   returns (axis,)"""
+    total = np.sum((forces - forces.mean(axis=0)) ** 2, axis=0)
+    return 1 - np.sum(residual**2, axis=0) / np.where(total > 0, total, np.inf)
+
+
+def lack_of_fit(cuts: Sequence[CutForce], residual: np.ndarray) -> np.ndarray:
+    """F of the model's misfit against the noise of the means, from blocks of revolutions.   returns (axis,)"""
+    noise = np.mean([cut.harmonics_variance[:, 0].real for cut in cuts], axis=0)
+    return np.sum(residual**2, axis=0) / max(len(cuts) - 2, 1) / np.where(noise > 0, noise, np.inf)
+
+
+# what the tool's x and y could be instead: name, and (x, y) as a 2x2 matrix of the present ones
+_OTHER_MAPS = {
+    "fx=+{y}, fy=+{x}": ((0, 1), (1, 0)),
+    "fx=-{y}, fy=-{x}": ((0, -1), (-1, 0)),
+    "fx=+{y}, fy=-{x}": ((0, 1), (-1, 0)),
+    "fx=-{y}, fy=+{x}": ((0, -1), (1, 0)),
+    "fx=-{x}, fy=-{y}": ((-1, 0), (0, -1)),
+    "fx=-{x}, fy=+{y}": ((-1, 0), (0, 1)),
+    "fx=+{x}, fy=-{y}": ((1, 0), (0, -1)),
+}
+
+
+def axis_map_notices(cuts: Sequence[CutForce], forces: np.ndarray) -> tuple[Notice, ...]:
+    """Whether signs and sizes of the coefficients betray a wrong axis map, and which map would mend it.
+
+    Ktc, Krc, Kte and Kre are positive and Ktc > Krc for every metal cut with a sound edge. In a slot a swap exchanges Ktc
+    and Krc and leaves the residual as it is, so only this tells; at partial immersion the residual falls as well.
+    """
+    matrix = mean_force_matrix(cuts, 0.0)
+
+    def look(turned: np.ndarray) -> tuple[bool, np.ndarray, float]:
+        theta = solve_linear(matrix.reshape(-1, 6), turned.ravel())
+        sound = bool(theta[0] > 0 and theta[1] > 0 and theta[3] > 0 and theta[4] > 0 and theta[0] > theta[1])
+        return sound, theta, float(np.sum((turned - matrix @ theta) ** 2))
+
+    sound, theta, squares = look(forces)
+    if sound:
+        return ()
+    wrong = []
+    if theta[0] <= 0:
+        wrong.append(f"Ktc is negative ({theta[0] / 1e6:.4g} N/mm2)")
+    if theta[1] > theta[0] > 0:
+        wrong.append(f"Krc ({theta[1] / 1e6:.4g}) is larger than Ktc ({theta[0] / 1e6:.4g} N/mm2)")
+    if theta[1] <= 0:
+        wrong.append(f"Krc is negative ({theta[1] / 1e6:.4g} N/mm2)")
+    wrong += [
+        f"{name} is negative ({value / 1e3:.4g} N/mm)"
+        for name, value in zip(NAMES[3:5], theta[3:5], strict=True)
+        if value <= 0
+    ]
+    candidates = []
+    for name, turn in _OTHER_MAPS.items():
+        turned = forces.copy()
+        turned[:, :2] = forces[:, :2] @ np.array(turn).T
+        fine, other, other_squares = look(turned)
+        if fine and other_squares <= 2.0 * squares + 1e-9 * float(np.sum(forces**2)):
+            candidates.append(
+                (other_squares, name.format(x="(present fx)", y="(present fy)"), other, "{y}" in name.split(",")[0])
+            )
+    if not candidates:
+        code, mending = (
+            "sign",
+            "no exchange of x and y mends it: check direction (up or down), feed direction and offset",
+        )
+    else:
+        other_squares, name, other, swapped = min(candidates, key=lambda item: item[0])
+        code = "axis-swap" if swapped else "axis-sign"
+        gain = (
+            f", and the residual falls by {squares / max(other_squares, 1e-300):.3g}"
+            if other_squares < 0.7 * squares
+            else ""
+        )
+        mending = (
+            f"{'the axes look swapped' if swapped else 'a sign looks turned'}: with {name} "
+            f"Ktc is {other[0] / 1e6:.4g} and Krc {other[1] / 1e6:.4g} N/mm2, all positive{gain}; state the map"
+        )
+    return (Notice(code, f"{'; '.join(wrong)}; {mending}", "map"),)
+
+
+def curvature_notice(forces: np.ndarray, residual: np.ndarray, cuts: Sequence[CutForce]) -> tuple[Notice, ...]:
+    """Name the axes whose mean force bends over the feed by more than its noise (|t| > 4 of the quadratic term)."""
+    feeds = np.array([cut.conditions.feed_per_tooth for cut in cuts])
+    if (
+        len(cuts) < 4
+        or len({(c.conditions.axial_depth, c.conditions.radial_depth, c.conditions.direction) for c in cuts}) > 1
+    ):
+        return ()
+    u = (feeds - feeds.mean()) / np.ptp(feeds)
+    powers = np.stack([np.ones_like(u), u, u**2], axis=1)
+    curve = np.linalg.lstsq(powers, residual, rcond=None)[0]
+    bent = residual - powers @ curve
+    level = np.sqrt(np.sum(bent**2, axis=0) / (len(u) - 3) * np.linalg.inv(powers.T @ powers)[2, 2])
+    found = [
+        f"F{axis} {'concave' if curve[2, i] * np.sign(forces[:, i].mean()) < 0 else 'convex'} ({np.abs(residual[:, i]).max():.2g} N)"
+        for i, axis in enumerate(AXES)
+        if abs(curve[2, i]) > 4 * level[i] and np.abs(residual[:, i]).max() > 0.005 * np.abs(forces[:, i]).max()
+    ]
+    if not found:
+        return ()
+    return (
+        Notice(
+            "curvature",
+            f"mean force bends over the feed: {', '.join(found)}; a straight line is not the whole truth",
+            "cuts",
+        ),
+    )
