@@ -140,3 +140,24 @@ def test_the_shell_completes_options(monkeypatch, capsys):
         monkeypatch.setenv(key, value)
     assert run_main([]) == 0
     assert "--out" in capsys.readouterr().out.split()
+
+
+def test_every_recipe_key_is_explained_in_the_schema_and_named_in_the_readme():
+    from millcal.io.recipe_tables import RecipeTables
+
+    schema = RecipeTables.model_json_schema()
+    unexplained, unnamed = [], []
+    queue, seen = [("", schema)], set()
+    while queue:
+        place, table = queue.pop()
+        for key, value in table.get("properties", {}).items():
+            if "description" not in value:
+                unexplained.append(place + key)
+            if not re.search(rf"[`\[]{key}[`\].]", README) and not place.startswith("simulate."):
+                unnamed.append(place + key)
+            for name in re.findall(r"'#/\$defs/(\w+)'", str(value)):
+                visit = (name, f"{place}{key}.".startswith("simulate."))
+                if visit not in seen:
+                    seen.add(visit)
+                    queue.append((f"{place}{key}.", schema["$defs"][name]))
+    assert (unexplained, unnamed) == ([], [])
