@@ -151,6 +151,22 @@ def limit_of_one_mode(spindle_speed: np.ndarray, mode: Mode, cutting: np.ndarray
     return Limit(depth[first], frequency, np.where(found, np.floor(r[first] * turns), -1).astype(int))
 
 
+def minimum_of_one_mode(mode: Mode, cutting: np.ndarray) -> tuple[float, float]:
+    """The depth below which no speed chatters, 2 k zeta (1 +- zeta) / |A| at f_n sqrt(1 +- 2 zeta).   returns m, Hz
+
+    Where A < 0 and zeta > 1/2 the weakest frequency is 0, with k / (2 |A|).
+    """
+    axis = "xy".index(mode.axis)
+    stiffness, zeta = float(cutting[axis, axis]), mode.damping_ratio
+    if stiffness == 0:
+        return np.inf, np.nan
+    if stiffness < 0 and zeta > 0.5:
+        return mode.stiffness / (2 * abs(stiffness)), 0.0
+    sign = np.sign(stiffness)
+    depth = 2 * mode.stiffness * zeta * (1 + sign * zeta) / abs(stiffness)
+    return float(depth), float(mode.natural_frequency * np.sqrt(1 + sign * 2 * zeta))
+
+
 def _phase_root(n: np.ndarray, turns: np.ndarray, zeta: float) -> np.ndarray:
     """r with  turns r - atan2(1 - r^2, 2 zeta r) / pi = n,  by Newton within a bracket that bisection narrows.
 

@@ -1,0 +1,294 @@
+"""Stability map: limit depth against spindle speed, with a band from what is uncertain in coefficients and FRF.
+
+Coefficients. The zero-order limit is f(K_rc / K_tc) / K_tc: K_tc only scales it, the ratio turns the eigenvectors, edge
+coefficients do not enter. So f is solved exactly at a few dozen ratios across the draws and each draw is an interpolation
+between two of them (of 1/f, where a change of lobe is a convex corner: interpolating errs to the safe side). A Kienzle
+law enters by its tangent at the mean chip of the operating feed, draw by draw.
+
+FRF. Drawing noisy lines would add the noise a second time to lines that carry it already, and the lowest of several noisy
+crossings is biased low. So the variance goes through the eigenvalue at the limiting frequency to first order
+(`inverse_depth_sd`), centred on the limit of the measured lines, and is normal in 1/b, in which the eigenvalue is linear.
+
+The band holds speed by speed: 95 % at each speed, not for the whole curve at once.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from millcal.data import BestSpeed, Frf, Modes, Notice, Posterior, StabilityMap
+from millcal.errors import IllPosedError
+from millcal.physics.cutter import CuttingConditions, engagement
+from millcal.physics.cutting_force import Kienzle
+from millcal.physics.stability.zero_order import Limit, mean_cutting_matrix
+from millcal.stages.stability_tip import Solver, Tip, zero_order_tip
+
+RATIOS = 41  # K_rc / K_tc at which the limit is solved exactly for the band
+POCKETS = 5  # best speeds told
+
+
+def map_stability(
+    dynamics: Frf | Modes,
+    posterior: Posterior | tuple[float, float],
+    *,
+    teeth: int,
+    diameter: float,
+    radial_depth: float | None,
+    direction: str,
+    spindle_speed: tuple[float, float],
+    feed_per_tooth: float | None = None,
+    pitch: Sequence[float] | None = None,
+    rigid: str = "",
+    method: str = "zoa",
+    points: int = 400,
+    members: int = 2000,
+    operating_point: tuple[float, float] | None = None,
+    rng: np.random.Generator | None = None,
+    progress: Callable[[float, str], None] | None = None,
+) -> StabilityMap:
+    """Limit depth over a range of spindle speeds, the best speeds in it, and the operating point among them.
+
+    dynamics : an FRF with driving points along x and y at one point, or modes along x and y
+    posterior : coefficients, or (K_tc, K_rc) in N/m^2 taken as exact
+    diameter, radial_depth, feed_per_tooth : m   spindle_speed : (lowest, highest) rad/s   pitch : (tooth,) rad
+    rigid : axes that may be missing from `dynamics`, "x" or "y", because the user knows them to be rigid
+    members : draws for the band   operating_point : (rad/s, m)   rng : needed for a band
+    """
+    if method not in METHODS:
+        raise ValueError(f"{method=} is none of {', '.join(METHODS)}")
+    low, high = spindle_speed
+    if not 0 < low < high:
+        raise IllPosedError(
+            f"stability.rpm: {spindle_speed} rad/s is no range of spindle speeds; give [lowest, highest]"
+        )
+    progress = progress or (lambda share, label: None)
+    radial_depth = diameter if direction == "slot" or radial_depth is None else radial_depth
+    conditions = CuttingConditions(high, feed_per_tooth or 0.0, 0.0, radial_depth, direction)
+    entry, leave = engagement(conditions, diameter)
+    if leave - entry <= 0:
+        raise IllPosedError("stability.radial_depth_mm: the cutter is not engaged; give a radial depth above zero")
+
+    def cutting(ktc: float, krc: float) -> np.ndarray:
+        return mean_cutting_matrix(ktc, krc, teeth=teeth, entry=entry, leave=leave)
+
+    mean_chip = (feed_per_tooth or 0.0) * (np.cos(entry) - np.cos(leave)) / (leave - entry)
+    (ktc, krc), draws, notices = _coefficients(posterior, mean_chip, members, rng)
+    notices += _geometry_notices(pitch, teeth, leave - entry)
+    speeds = np.linspace(low, high, points)
+    asked = np.array([low, high] if operating_point is None else [low, high, operating_point[0]])
+    tip = METHODS[method](dynamics, asked, teeth, rigid)
+    nominal = cutting(ktc, krc)
+    progress(0.1, "limit")
+    limit = tip.solve(speeds, nominal)
+
+    tops = _pockets(lambda speed: tip.solve(speed, nominal).depth, speeds, limit.depth)
+    extra = np.concatenate([tops, [] if operating_point is None else [operating_point[0]]])
+    at_extra = tip.solve(extra, nominal)
+    everywhere = np.concatenate([speeds, extra])
+    together = Limit(*(np.concatenate(pair) for pair in zip(limit, at_extra, strict=True)))
+
+    inverse = None  # of the depth, (member, speed), 1/m
+    spread = None if tip.inverse_sd is None else tip.inverse_sd(everywhere, nominal, together)
+    if members > 1 and rng is not None and (draws is not None or spread is not None):
+        inverse = _inverse_depths(tip.solve, cutting, everywhere, together, (ktc, krc), draws, members, progress)
+        if spread is not None:
+            inverse = inverse + rng.standard_normal((len(inverse), 1)) * spread
+    band = None if inverse is None else np.array([_depth_of(q) for q in np.quantile(inverse, [0.975, 0.025], axis=0)])
+
+    n, width = len(speeds), None if feed_per_tooth is None else radial_depth * feed_per_tooth * teeth / (2 * np.pi)
+    best = []
+    for i in range(n, n + len(tops)):
+        speed, depth = float(everywhere[i]), float(together.depth[i])
+        rate = np.nan if width is None else depth * width * speed
+        p_stable = None if inverse is None else float(np.mean(inverse[:, i] * depth < 1))
+        best.append(BestSpeed(speed, depth, rate, p_stable, None if band is None else float(band[0, i])))
+    best.sort(key=lambda b: -b.spindle_speed * (b.axial_depth if b.safe_depth is None else b.safe_depth))
+
+    result = StabilityMap(
+        spindle_speed=speeds,
+        limit_depth=limit.depth,
+        chatter_frequency=limit.frequency,
+        lobe=limit.lobe,
+        limit_low=None if band is None else band[0, :n],
+        limit_high=None if band is None else band[1, :n],
+        method=method,
+        teeth=teeth,
+        radial_depth=radial_depth,
+        diameter=diameter,
+        direction=direction,
+        feed_per_tooth=feed_per_tooth,
+        absolute_minimum=(minimum := tip.minimum(nominal))[0],
+        absolute_minimum_frequency=minimum[1],
+        best=tuple(best[:POCKETS]),
+        notices=(*notices, *tip.notices, *_band_notices(tip, nominal, limit.depth), *_feed_notices(feed_per_tooth)),
+    )
+    progress(1.0, "limit")
+    if operating_point is None:
+        return result
+    depth = operating_point[1]
+    return replace(
+        result,
+        operating_point=operating_point,
+        operating_limit=float(together.depth[-1]),
+        operating_limit_interval=None if band is None else (float(band[0, -1]), float(band[1, -1])),
+        operating_p_stable=None if inverse is None else float(np.mean(inverse[:, -1] * depth < 1)),
+    )
+
+
+def _coefficients(
+    posterior: Posterior | tuple[float, float], mean_chip: float, members: int, rng: np.random.Generator | None
+) -> tuple[np.ndarray, np.ndarray | None, list[Notice]]:
+    """K_tc and K_rc, and draws of them where there is a covariance.   returns (2,), (member, 2) or None, N/m^2"""
+    if not isinstance(posterior, Posterior):
+        mean, draws, notices = np.array(posterior, float), None, []
+    else:
+        kienzle = posterior.law == "kienzle"
+        names = ("kt", "kr", "mt", "mr") if kienzle else ("Ktc", "Krc")
+        missing = [name for name in names if name not in posterior.names]
+        if missing:
+            raise IllPosedError(f"coefficients: {', '.join(missing)} missing; the limit needs {', '.join(names)}")
+        if kienzle and not mean_chip > 0:
+            raise IllPosedError("stability.feed_per_tooth_mm: a Kienzle law needs the feed of the cut; give it")
+        index = [posterior.names.index(name) for name in names]
+        mean = posterior.mean[index]
+        sure = rng is None or members < 2 or not np.any(posterior.covariance[np.ix_(index, index)])
+        draws = None if sure else posterior.sample(rng, members)[:, index]
+        notices = []
+        if kienzle:
+            mean, draws = _tangent(mean, mean_chip), None if draws is None else _tangent(draws, mean_chip)
+            notices.append(
+                Notice(
+                    "kienzle-tangent",
+                    f"the limit uses the slope of the Kienzle law at the mean chip of {mean_chip * 1e6:.1f} um, "
+                    f"Ktc {mean[0] / 1e6:.0f} and Krc {mean[1] / 1e6:.0f} N/mm2; it holds for that feed",
+                )
+            )
+    if not mean[0] > 0:
+        raise IllPosedError(
+            f"coefficients.Ktc: {mean[0] / 1e6:.4g} N/mm2 is not positive, so there is no limit to map; "
+            "check the signs and the axis map of the cuts"
+        )
+    if draws is not None and np.any(draws[:, 0] <= 0):
+        share = np.mean(draws[:, 0] <= 0)
+        draws = draws[draws[:, 0] > 0]
+        notices.append(
+            Notice("coefficients-vague", f"{share:.1%} of the draws have Ktc below zero and are left out of the band")
+        )
+    return mean, draws, notices
+
+
+def _tangent(kienzle: np.ndarray, chip: float) -> np.ndarray:
+    """dF/dh per width, k (1 - m) (h/h0)^-m, along t and r.
+
+    kienzle : kt, kr, mt, mr, (..., 4) SI   chip : m   returns (..., 2) N/m^2
+    """
+    force, rise = kienzle[..., :2], kienzle[..., 2:]
+    return force * (1 - rise) * (chip / Kienzle.REFERENCE_CHIP) ** -rise
+
+
+def _inverse_depths(
+    solve: Solver,
+    cutting: Callable[[float, float], np.ndarray],
+    speeds: np.ndarray,
+    limit: Limit,
+    mean: np.ndarray,
+    draws: np.ndarray | None,
+    members: int,
+    progress: Callable[[float, str], None],
+) -> np.ndarray:
+    """1/b of every draw of the coefficients at every speed.   returns (member, speed) 1/m"""
+    if draws is None:
+        return np.tile(1 / limit.depth, (members, 1))
+    ratio = draws[:, 1] / draws[:, 0]
+    nodes = np.linspace(ratio.min(), ratio.max(), RATIOS)
+    table = np.empty((RATIOS, len(speeds)))  # 1/b for K_tc = that of the mean
+    for i, node in enumerate(nodes):
+        progress(0.15 + 0.8 * i / RATIOS, "band")
+        table[i] = 1 / solve(speeds, cutting(mean[0], mean[0] * node)).depth
+    place = np.clip((ratio - nodes[0]) / max(nodes[1] - nodes[0], 1e-300), 0, RATIOS - 1)
+    left = np.minimum(place.astype(int), RATIOS - 2)
+    share = (place - left)[:, np.newaxis]
+    return (table[left] * (1 - share) + table[left + 1] * share) * (draws[:, :1] / mean[0])
+
+
+def _depth_of(inverse: np.ndarray) -> np.ndarray:
+    """b from 1/b, inf where 1/b is not positive."""
+    return np.where(inverse > 0, 1 / np.where(inverse > 0, inverse, 1.0), np.inf)
+
+
+def _pockets(depth_at: Callable[[np.ndarray], np.ndarray], speeds: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """Speeds at which speed times limit has its highest local maxima, each found finer than the grid.   returns (pocket,)"""
+    rate = np.where(np.isfinite(depth), depth * speeds, -np.inf)
+    padded = np.concatenate([[-np.inf], rate, [-np.inf]])
+    top = np.flatnonzero((rate >= padded[:-2]) & (rate > padded[2:]) & np.isfinite(rate))
+    top = top[np.argsort(-rate[top], kind="stable")][: 2 * POCKETS]  # the band may change the order
+    low, high = speeds[np.maximum(top - 1, 0)], speeds[np.minimum(top + 1, len(speeds) - 1)]
+    best = speeds[top]
+    if not len(top):
+        return best
+    for _ in range(3):
+        fine = low + (high - low) * np.linspace(0, 1, 21)[:, np.newaxis]  # (21, pocket)
+        fine[10] = best
+        fine.sort(axis=0)
+        found = depth_at(fine.ravel()).reshape(fine.shape) * fine
+        i, pocket = np.argmax(np.where(np.isfinite(found), found, -np.inf), axis=0), np.arange(len(top))
+        best = fine[i, pocket]
+        low, high = fine[np.maximum(i - 1, 0), pocket], fine[np.minimum(i + 1, len(fine) - 1), pocket]
+    return best
+
+
+def _geometry_notices(pitch: Sequence[float] | None, teeth: int, swept: float) -> list[Notice]:
+    """What the zero-order theory leaves out of this cutter and this engagement."""
+    notices = []
+    if pitch is not None and np.ptp(pitch) > 1e-6:
+        notices.append(
+            Notice(
+                "mean-pitch",
+                "the zero-order limit knows one pitch: the mean is used, and what the unequal pitch gains or loses is not shown",
+            )
+        )
+    in_cut = teeth * swept / (2 * np.pi)
+    if in_cut < 0.5:
+        notices.append(
+            Notice(
+                "flip-lobes",
+                f"{in_cut:.2f} teeth cut on average: period doubling, which the zero-order theory leaves out, can halve the "
+                "limit at some speeds; test deep pockets with a shallower cut first",
+            )
+        )
+    return notices
+
+
+def _band_notices(tip: Tip, nominal: np.ndarray, depth: np.ndarray) -> list[Notice]:
+    """Where the usable band of the FRF may hide a lower limit."""
+    if tip.band is None or tip.edge_depth is None:
+        return []
+    low, high = tip.band
+    none = int(np.count_nonzero(np.isinf(depth)))
+    highest = np.max(depth[np.isfinite(depth)], initial=0.0)
+    if not none and tip.edge_depth(nominal) > highest:
+        return []
+    gap = f" {none} of {len(depth)} speeds have none there." if none else ""
+    return [
+        Notice(
+            "band-limited",
+            f"limits count chatter from {low:.0f} to {high:.0f} Hz only, the usable band of the FRF, and the structure is "
+            f"still soft at its ends: what chatters outside is not shown.{gap}",
+        )
+    ]
+
+
+def _feed_notices(feed_per_tooth: float | None) -> list[Notice]:
+    if feed_per_tooth is not None:
+        return []
+    return [
+        Notice(
+            "no-feed",
+            "no feed per tooth: best speeds are ranked by depth times speed, and removal rates are not known",
+            "stability.feed_per_tooth_mm",
+        )
+    ]
+
+
+METHODS: dict[str, Callable[..., Tip]] = {"zoa": zero_order_tip}
