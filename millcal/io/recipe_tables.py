@@ -17,6 +17,8 @@ from millcal.io.keys import (
 )
 from millcal.io.recipe_simulate import SimulateTable
 
+Hit = Annotated[int, Field(ge=0)] | str
+
 
 class CutTable(ConditionsTable):
     """One recorded cut."""
@@ -29,8 +31,8 @@ class ConditioningTable(Table):
 
     lowpass_hz: Positive | None = Field(None, description="corner of a zero-phase low-pass, Hz; none when absent")
     harmonics: int = Field(30, ge=1, description="number of harmonics of the spindle to save")
-    offset: Literal["auto", "air", "none"] = Field(
-        "auto", description="remove offset and drift: from air cuts where there are some, always from air cuts, or not"
+    offset: Literal["auto", "constant", "none"] = Field(
+        "auto", description="what to remove by the air cuts: auto (offset and drift), constant (one offset) or none"
     )
 
 
@@ -49,9 +51,13 @@ class FrfTable(Table):
     form: Literal["accelerance", "mobility", "receptance"] | None = Field(
         None, description="form of the FRF; as measured when absent"
     )
-    keep: tuple_of(int, ...) = Field((), description="numbers of hits to keep whatever is found about them, from 0")
-    drop: tuple_of(int, ...) = Field((), description="numbers of hits to leave out, from 0")
-    allow_double: bool = Field(False, description="keep double hits")
+    keep: tuple_of(Hit, ...) = Field((), description="hits to use whatever is found: 3, or 'tap_y.h5:3' among several")
+    drop: tuple_of(Hit, ...) = Field((), description="hits to leave out: 3, or 'tap_y.h5:3' among several recordings")
+    allow_double: bool = Field(False, description="use double hits too")
+    weak: float = Field(0.15, ge=0, lt=1, description="hits below this share of the median peak are left out")
+    hold_off_s: Positive = Field(0.1, description="pulses closer than this are one hit, s")
+    record_length_s: Positive | None = Field(None, description="length of each hit, s; by its decay when absent")
+    resolution_hz: Positive | None = Field(None, description="distance of the lines at most, Hz, by adding zeros")
 
 
 class ModeTable(Table):
@@ -81,8 +87,8 @@ class CoefficientsTable(Table):
     )
     taper: bool = Field(False, description="let the runout vary along the cutter")
     harmonics: int | None = Field(None, ge=1, description="highest harmonic of the fit; chosen when absent")
-    contact_loss: Literal["auto"] | bool = Field(
-        "auto", description="teeth that miss the cut by runout: auto, true, false"
+    contact_loss: Literal["auto", "on", "off"] = Field(
+        "auto", description="teeth that miss the cut by runout: auto looks for them, on, off"
     )
     mean_weight: Positive = Field(5.0, description="weight of the mean force beside one harmonic")
     sensor: str | None = Field(None, description="FRF file of the dynamometer, force out by force in")
