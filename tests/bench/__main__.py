@@ -58,6 +58,7 @@ def main() -> None:
         return
     command = f"make bench ARGS='--size-mb {options.size_mb} --repeats {options.repeats}'"
     head = f"# What millcal costs, measured\n\n{machine()}\n\nMade by `{command}`; commands compared take turns.\n"
+    PAGE.parent.mkdir(exist_ok=True)
     PAGE.write_text("\n".join([head, *parts]))
     print(PAGE)
 
