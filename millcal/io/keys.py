@@ -263,9 +263,26 @@ class SourceTables(Table):
         return mapping
 
 
+class ModeTable(Table):
+    """One mode of the structure at the tool tip."""
+
+    renamed: ClassVar = {"fn_hz": "natural_frequency", "zeta": "damping_ratio", "k_N_per_m": "stiffness"}
+    axis: Literal["x", "y", "z"] = Field(description="axis the mode moves along, x, y or z")
+    fn_hz: Positive = Field(description="natural frequency, Hz")
+    zeta: float = Field(gt=0, lt=1, description="damping ratio; 2 % is 0.02")
+    k_N_per_m: Positive = Field(description="modal stiffness, N/m")
+
+
+class StructureTable(Table):
+    """Dynamics given by hand, where there is no impact test."""
+
+    modes: tuple_of(ModeTable, ...) = Field(min_length=1, description="modes at the tool tip")
+
+
 class SetupTables(SourceTables):
     """A SETUP.toml: what a recording does not say about itself."""
 
     kind: Literal["cut", "impact", "air"] | None = Field(None, description="what was recorded; a cut when absent")
     cutter: CutterTable | None = Field(None, description="the cutter")
     conditions: ConditionsTable = Field(default_factory=ConditionsTable, description="how the cut was made")
+    structure: StructureTable | None = Field(None, description="dynamics given by hand, for `stability`")

@@ -12,6 +12,7 @@ from millcal.io.keys import (
     Positive,
     SourceTables,
     Span,
+    StructureTable,
     Table,
     tuple_of,
 )
@@ -60,22 +61,6 @@ class FrfTable(Table):
     resolution_hz: Positive | None = Field(None, description="distance of the lines at most, Hz, by adding zeros")
 
 
-class ModeTable(Table):
-    """One mode of the structure at the tool tip."""
-
-    renamed: ClassVar = {"fn_hz": "natural_frequency", "zeta": "damping_ratio", "k_N_per_m": "stiffness"}
-    axis: Literal["x", "y", "z"] = Field(description="axis the mode moves along, x, y or z")
-    fn_hz: Positive = Field(description="natural frequency, Hz")
-    zeta: float = Field(gt=0, lt=1, description="damping ratio; 2 % is 0.02")
-    k_N_per_m: Positive = Field(description="modal stiffness, N/m")
-
-
-class StructureTable(Table):
-    """Dynamics given by hand, where there is no impact test."""
-
-    modes: tuple_of(ModeTable, ...) = Field(min_length=1, description="modes at the tool tip")
-
-
 class CoefficientsTable(Table):
     """Options of the identification."""
 
@@ -104,7 +89,8 @@ class StabilityTable(Table):
     method: Literal["zoa"] = Field("zoa", description="zoa: zero-order approximation")
     rpm: Span = Field(description="[lowest, highest] spindle speed of the map, rpm")
     points: int = Field(2000, ge=2, description="number of speeds of the map")
-    members: int = Field(200, ge=0, description="draws from the coefficients for the band on the limit; 0 for none")
+    members: int = Field(2000, ge=0, description="draws for the band on the limit; 0 for none")
+    rigid: Literal["", "x", "y"] = Field("", description="axis without measured dynamics that is known to be rigid")
     radial_depth_mm: Positive | None = Field(None, description="width of engagement, mm; the cuts' when absent")
     direction: Direction | None = Field(None, description="up, down or slot; the cuts' when absent")
     feed_per_tooth_mm: Positive | None = Field(None, description="feed per tooth for removal rates, mm")

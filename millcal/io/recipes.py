@@ -16,7 +16,16 @@ from pydantic import BaseModel, ValidationError
 
 from millcal.data import Modes
 from millcal.errors import RecipeError
-from millcal.io.keys import ChannelTable, ConditionsTable, Hdf5Table, SetupTables, SourceTables, Table, TextTable
+from millcal.io.keys import (
+    ChannelTable,
+    ConditionsTable,
+    Hdf5Table,
+    SetupTables,
+    SourceTables,
+    StructureTable,
+    Table,
+    TextTable,
+)
 from millcal.io.recipe_simulate import SimulateTable
 from millcal.io.recipe_tables import (
     CoefficientsTable,
@@ -70,6 +79,7 @@ class Setup:
     conditions: CuttingConditions | None = None
     steady: tuple[float, float] | None = None  # s
     air: tuple[tuple[float, float], ...] | None = None  # s
+    modes: Modes | None = None  # of the structure at the tool tip, given by hand
     document: Document | None = field(default=None, repr=False)
 
     def where(self, key: str) -> str:
@@ -194,6 +204,7 @@ def read_setup(path: Path) -> Setup:
         conditions=conditions,
         steady=given["steady"],
         air=given["air"],
+        modes=_modes(tables.structure),
     )
 
 
@@ -248,16 +259,20 @@ def _impact(document: Document, tables: RecipeTables) -> Impact | None:
 
 
 def _structure(tables: RecipeTables) -> Structure | None:
-    if tables.structure is None:
+    modes = _modes(tables.structure)
+    return None if modes is None else Structure(modes)
+
+
+def _modes(structure: StructureTable | None) -> Modes | None:
+    """The modes of a `[structure]` table."""
+    if structure is None:
         return None
-    modes = [mode.arguments() for mode in tables.structure.modes]
-    return Structure(
-        Modes(
-            natural_frequency=[mode["natural_frequency"] for mode in modes],
-            damping_ratio=[mode["damping_ratio"] for mode in modes],
-            stiffness=[mode["stiffness"] for mode in modes],
-            axes=tuple(mode["axis"] for mode in modes),
-        )
+    modes = [mode.arguments() for mode in structure.modes]
+    return Modes(
+        natural_frequency=[mode["natural_frequency"] for mode in modes],
+        damping_ratio=[mode["damping_ratio"] for mode in modes],
+        stiffness=[mode["stiffness"] for mode in modes],
+        axes=tuple(mode["axis"] for mode in modes),
     )
 
 
