@@ -36,6 +36,9 @@ import numpy as np
 from millcal.physics.structure import Mode, receptance
 
 
+WEAKEST_PEAK = 0.1  # share of the largest -Re m: the depths that go with it are ten times the absolute minimum
+
+
 class Limit(NamedTuple):
     """The first loss of stability at each spindle speed; inf, nan and -1 where there is none in the range searched."""
 
@@ -212,12 +215,14 @@ def oriented(dynamics: Dynamics, cutting: np.ndarray) -> Branches:
     """Follow both eigenvalues of the oriented receptance along the grid.
 
     The grid gets a line at each maximum of -Re m, so that between two lines the depth is monotone: then of all crossings
-    in a cell the one nearest to its stronger end is the lowest, however many lobes the cell holds.
+    in a cell the one nearest to its stronger end is the lowest, however many lobes the cell holds. Far weaker maxima, the
+    noise between resonances, are left: only at speeds where a cell holds several lobes would they count, and never there.
     """
     grid, root, strength, _ = _follow(dynamics.grid, dynamics.on_grid, cutting)
     branches = Branches(dynamics, cutting, grid, root, strength, strength)
     inner = strength[:, 1:-1]
-    branch, top = np.nonzero((inner > strength[:, :-2]) & (inner >= strength[:, 2:]) & (inner > 0))
+    matters = inner > WEAKEST_PEAK * max(strength.max(), 0.0)
+    branch, top = np.nonzero((inner > strength[:, :-2]) & (inner >= strength[:, 2:]) & matters)
     peaks = _highest(branches, branch, grid[top], grid[top + 2])
     merged = np.concatenate([grid, peaks])
     order = np.argsort(merged, kind="stable")
