@@ -1,4 +1,4 @@
-"""Harmonics of a known fundamental by least squares, its frequency, zero-phase smoothing, and what is left over.
+"""Harmonics of a known fundamental by least squares, its frequency, the average period, and what is left over.
 
 Nothing is resampled. With `cycle` the fundamental in cycles per sample, the model y_n = sum over k = -K..K of
 a_k exp(2 pi j k cycle n) has normal equations whose matrix is known in closed form (a Dirichlet kernel, so Toeplitz) and
@@ -21,6 +21,19 @@ CHUNK = 4096  # samples per matrix product: the table of exponentials stays in t
 def reader_of(samples: np.ndarray) -> Reader:
     """A reader of samples in memory.   samples : (channel, sample)"""
     return lambda start, stop: samples[:, start:stop]
+
+
+def buffered(read: Reader, length: int, size: int = 1 << 18) -> Reader:
+    """The same reader, asked for large blocks while small ones are served from the last of them.   length : of the signal"""
+    first, block = 0, np.empty((0, 0))
+
+    def read_buffered(start: int, stop: int) -> np.ndarray:
+        nonlocal first, block
+        if not first <= start <= stop <= first + block.shape[1]:
+            first, block = start, read(start, min(max(stop, start + size), length))
+        return block[:, start - first : stop - first]
+
+    return read_buffered
 
 
 def _table(cycle: float, harmonics: int, length: int) -> np.ndarray:
@@ -90,10 +103,21 @@ def evaluate(harmonics: np.ndarray, cycle: float, first: int, length: int) -> np
     table = _table(cycle, K, min(length, CHUNK))
     y = np.empty((harmonics.shape[0], length))
     for at in range(0, length, CHUNK):
-        turned = harmonics * _rotation(cycle, K, first + at).conj()
+        here = harmonics * _rotation(cycle, K, first + at).conj()
         size = min(CHUNK, length - at)
-        y[:, at : at + size] = np.concatenate([turned.real, turned.imag], axis=1) @ table[:size].T
+        y[:, at : at + size] = np.concatenate([here.real, here.imag], axis=1) @ table[:size].T
     return y
+
+
+def turned(harmonics: np.ndarray, phase: float) -> np.ndarray:
+    """The harmonics of the same signal in an angle that is greater by `phase` (rad).   harmonics : (channel, K + 1)"""
+    return harmonics * np.exp(-1j * phase * np.arange(harmonics.shape[1]))
+
+
+def mean_of(read: Reader, start: int, stop: int, size: int = 1 << 16) -> np.ndarray:
+    """Mean of every sample.   returns (channel,)"""
+    total = sum(read(at, min(at + size, stop)).sum(axis=1) for at in range(start, stop, size))
+    return np.asarray(total) / (stop - start)
 
 
 def residuals(
@@ -143,82 +167,47 @@ def refine_cycle(
     of the segments' pulls, so it needs no white noise.
     """
     K = max(1, min(harmonics, int(0.49 / cycle)))
-    order = np.arange(1, K + 1)
+    count = int(np.clip((stop - start) * cycle, 2, segments))
+    edges = np.rint(np.linspace(start, stop, count + 1)).astype(np.int64)
+    time = (edges[:-1] + edges[1:] - start - stop) / 2
+    rate = 2 * np.pi * np.multiply.outer(time, np.arange(1, K + 1))[:, np.newaxis, :]  # rad per unit of cycle
     sd = np.inf
     for _ in range(12):
-        count = int(np.clip((stop - start) * cycle, 2, segments))
-        edges = np.rint(np.linspace(start, stop, count + 1)).astype(np.int64)
         found = block_harmonics(read, edges, cycle, K)[:, :, 1:]  # (segment, channel, harmonic)
-        time = 2 * np.pi * ((edges[:-1] + edges[1:]) / 2 - (start + stop) / 2)  # (segment,)
-
-        def turned_back(delta: float, found=found, time=time) -> tuple[np.ndarray, np.ndarray]:
-            rate = np.multiply.outer(time, order)[:, np.newaxis, :]
-            return found * np.exp(-1j * delta * rate), rate
-
-        reach, spacing = 0.5 / K * count / (stop - start), 0.25 / K / (stop - start)
-        trials = np.arange(-reach, reach + spacing, spacing)
-        power = [np.sum(np.abs(turned_back(trial)[0].sum(axis=0)) ** 2) for trial in trials]
-        delta = float(trials[int(np.argmax(power))]) if np.argmax(power) not in (0, len(trials) - 1) else 0.0
-        for _ in range(20):
-            c, rate = turned_back(delta)
-            total, slope, bend = c.sum(axis=0), (-1j * rate * c).sum(axis=0), (-(rate**2) * c).sum(axis=0)
-            first = np.sum((total.conj() * slope).real)
-            second = np.sum(np.abs(slope) ** 2 + (total.conj() * bend).real)
-            if second >= 0:
-                break
-            step = -first / second
-            delta += float(np.clip(step, -spacing, spacing))
-            if abs(step) <= 1e-15 * cycle:
-                break
-        c, rate = turned_back(delta)
-        mean = c.mean(axis=0)
-        pull = np.sum((mean.conj() * c).imag * rate, axis=(1, 2))
+        error = _common_turn(found, rate, spacing=0.25 / K / (stop - start))
+        found = found * np.exp(-1j * error * rate)
+        mean = found.mean(axis=0)
+        pull = np.sum((mean.conj() * found).imag * rate, axis=(1, 2))
         stiffness = np.sum(np.abs(mean) ** 2 * rate**2)
         if stiffness > 0:
             sd = float(np.sqrt(np.sum(pull**2) * count / max(count - 2, 1)) / stiffness)
-        cycle += delta
-        if abs(delta) <= 1e-11 * cycle or abs(delta) <= 1e-4 * sd:
+        cycle += error
+        if abs(error) <= max(1e-11 * cycle, 1e-4 * sd):
             break
     return Cycle(cycle, sd)
 
 
-def low_pass_kernel(cutoff: float, order: int = 4) -> np.ndarray:
-    """The symmetric impulse response of a Butterworth filter run forward and backward, with unit gain at zero frequency.
+def _common_turn(found: np.ndarray, rate: np.ndarray, spacing: float) -> float:
+    """The x that maximises sum |sum over segments of found exp(-j x rate)|^2: trials `spacing` apart, then Newton.
 
-    Its gain is 1 / (1 + (tan(pi f) / tan(pi f0))^(2 order)), with f0 chosen so that the gain of both runs together, not of
-    one, is 1/sqrt(2) at the cutoff. The response falls off exponentially and is cut where it is 1e-13 of its peak.
-
-    cutoff : cycles per sample, below 1/2   returns (2 m + 1,)
+    found : (segment, channel, harmonic)   rate : (segment, 1, harmonic)
     """
-    if not 0 < cutoff < 0.5:
-        raise ValueError(f"{cutoff=} is not between 0 and 1/2 cycles per sample")
-    size = 1 << int(np.ceil(np.log2(64 / min(cutoff, 0.5 - cutoff))))
-    warped = np.tan(np.pi * np.minimum(np.arange(size // 2 + 1) / size, 0.5 - 1e-12)) / np.tan(np.pi * cutoff)
-    gain = 1.0 / (1.0 + (np.sqrt(2.0) - 1.0) * warped ** (2 * order))
-    response = np.fft.irfft(gain, size)[: size // 2]
-    reach = int(np.flatnonzero(np.abs(response) > 1e-13 * response[0])[-1])
-    kernel = np.concatenate([response[reach:0:-1], response[: reach + 1]])
-    return kernel / kernel.sum()
-
-
-def smoothed(read: Reader, length: int, kernel: np.ndarray) -> Reader:
-    """A reader of the signal convolved with a symmetric kernel; beyond its ends the signal is mirrored in its end points.
-
-    length : samples of the signal   kernel : (2 m + 1,)
-    """
-    reach = len(kernel) // 2
-
-    def read_smoothed(start: int, stop: int) -> np.ndarray:
-        low, high = start - reach, stop + reach
-        y = read(max(low, 0), min(high, length))
-        before, after = max(-low, 0), max(high - length, 0)
-        if before or after:
-            y = np.pad(y, ((0, 0), (before, after)), mode="reflect", reflect_type="odd")
-        size = 1 << int(np.ceil(np.log2(y.shape[1] + 2 * reach)))
-        product = np.fft.irfft(np.fft.rfft(y, size) * np.fft.rfft(kernel, size), size)
-        return product[:, 2 * reach : 2 * reach + stop - start]
-
-    return read_smoothed
+    steps = 2 * len(found)
+    trials = spacing * np.arange(-steps, steps + 1)
+    power = [np.sum(np.abs(np.sum(found * np.exp(-1j * x * rate), axis=0)) ** 2) for x in trials]
+    x = float(trials[int(np.argmax(power))])
+    for _ in range(20):
+        c = found * np.exp(-1j * x * rate)
+        total, slope, bend = c.sum(axis=0), (-1j * rate * c).sum(axis=0), -((rate**2) * c).sum(axis=0)
+        first = np.sum((total.conj() * slope).real)
+        second = np.sum(np.abs(slope) ** 2 + (total.conj() * bend).real)
+        if second >= 0:  # not near a maximum: no signal
+            return x
+        step = float(np.clip(-first / second, -spacing, spacing))
+        x += step
+        if abs(step) <= 1e-9 * spacing:
+            break
+    return x
 
 
 class PeriodAverage(NamedTuple):
@@ -227,6 +216,7 @@ class PeriodAverage(NamedTuple):
     angle: np.ndarray  # (angle,) rad, 0 .. 2 pi
     average: np.ndarray  # (channel, angle)
     scatter: np.ndarray  # (channel, angle), standard deviation of a sample at that angle
+    power: np.ndarray  # (channel,), mean square about the mean
     residual_power: np.ndarray  # (channel,), mean square of what the harmonics leave
 
 
@@ -243,7 +233,13 @@ def average_periods(
     bins = max(1, min(angles, int(1 / cycle)))
     channels = harmonics.shape[0]
     count, total, square = np.zeros(bins), np.zeros((channels, bins)), np.zeros((channels, bins))
+    alternating = np.array(harmonics)
+    alternating[:, 0] = 0.0
+    power, mean = np.zeros(channels), np.zeros(channels)  # about harmonic 0, which is close to the mean
     for at, rest in residuals(read, start, stop, cycle, harmonics):
+        swing = rest + evaluate(alternating, cycle, at, rest.shape[1])
+        power += np.sum(swing**2, axis=1) / (stop - start)
+        mean += np.sum(swing, axis=1) / (stop - start)
         turn = (at + np.arange(rest.shape[1])) * cycle + phase / (2 * np.pi)
         index = np.rint(turn % 1.0 * bins).astype(np.int64) % bins
         count += np.bincount(index, minlength=bins)
@@ -251,12 +247,11 @@ def average_periods(
             total[channel] += np.bincount(index, rest[channel], bins)
             square[channel] += np.bincount(index, rest[channel] ** 2, bins)
     seen = np.maximum(count, 1)
-    mean = total / seen
-    spread = np.sqrt(np.maximum(square / seen - mean**2, 0.0) * seen / np.maximum(seen - 1, 1))
+    binned = total / seen
+    spread = np.sqrt(np.maximum(square / seen - binned**2, 0.0) * seen / np.maximum(seen - 1, 1))
+    model = evaluate(turned(harmonics, phase), 1 / bins, 0, bins)
     angle = 2 * np.pi * np.arange(bins) / bins
-    turned = harmonics * np.exp(-1j * phase * np.arange(harmonics.shape[1]))
-    model = np.real(turned @ np.exp(1j * np.outer(np.arange(harmonics.shape[1]), angle)))
-    return PeriodAverage(angle, model + mean, spread, square.sum(axis=1) / (stop - start))
+    return PeriodAverage(angle, model + binned, spread, power - mean**2, square.sum(axis=1) / (stop - start))
 
 
 class Line(NamedTuple):
@@ -309,7 +304,7 @@ def asynchronous_lines(
     for channel, p in enumerate(power):
         over = (p > threshold * level[channel]) & clear
         for i in np.flatnonzero(over):
-            near = slice(max(i - 3, 0), i + 4)
+            near = slice(max(i - 2, 0), i + 3)  # the main lobe of the window
             centre = float(np.sum(frequency[near] * p[near]) / np.sum(p[near]))
             if p[i] < p[near].max() or abs(centre / cycle - round(centre / cycle)) <= guard:
                 continue

@@ -1,0 +1,109 @@
+"""What a recording must hold to be a cut, its three forces, and the line through its air cuts."""
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+
+from millcal.data import AXES, Recording
+from millcal.errors import RecordingError
+from millcal.numerics.spectra import Reader
+
+Note = Callable[[str, str], None]  # code and sentence of a notice
+Span = tuple[float, float]  # s
+Samples = tuple[int, int]  # start, stop
+
+WHOLE_RECORD = 1 << 21  # samples that may stay in memory at once; of a longer record, blocks of an eighth
+
+
+def stated_frequency(recording: Recording, where: str) -> float:
+    """The stated spindle frequency, Hz, after a look at what the recording says about itself."""
+    if recording.kind != "cut":
+        raise RecordingError(f"{where}: is marked as {recording.kind}, not as a cut; correct its kind or leave it out")
+    if recording.cutter is None:
+        raise RecordingError(f"{where}: says nothing of the cutter; give a [cutter] table or a setup")
+    if recording.conditions is None:
+        raise RecordingError(f"{where}: says nothing of the cutting conditions; give its [[cuts]] entry or a setup")
+    frequency = recording.conditions.spindle_speed / (2 * np.pi)
+    if not frequency > 0:
+        raise RecordingError(f"{where}: the spindle speed is not positive; state spindle_speed_rpm")
+    if recording.sample_rate < 8 * frequency:
+        raise RecordingError(
+            f"{where}: {recording.sample_rate:g} samples per second are fewer than 8 per revolution at "
+            f"{60 * frequency:g} rpm; check the sample rate and spindle_speed_rpm"
+        )
+    return frequency
+
+
+def force_rows(recording: Recording, where: str) -> list[int]:
+    """Rows of fx, fy, fz; each axis must be there."""
+    rows = recording.force_rows()
+    missing = [f"f{axis}" for axis, row in zip(AXES, rows, strict=True) if row < 0]
+    if missing:
+        have = ", ".join(f"{c.name} ({' '.join(filter(None, (c.quantity, c.dof)))})" for c in recording.channels)
+        raise RecordingError(
+            f"{where}: no force channel for {', '.join(missing)}; it has {have or 'no channels'}. "
+            f'Name it in the map, as in {missing[0]} = "+F{missing[0][1]}"'
+        )
+    return rows
+
+
+def read_forces(recording: Recording, rows: list[int], offset: np.ndarray, drift: np.ndarray) -> Reader:
+    """A reader of the forces less offset + drift n.   offset : (axis,) N   drift : (axis,) N per sample"""
+
+    def read(start: int, stop: int) -> np.ndarray:
+        line = np.multiply.outer(drift, np.arange(start, stop)) + offset[:, np.newaxis]
+        return np.asarray(recording.block(start, stop))[rows] - line
+
+    return read
+
+
+def block_size(length: int) -> int:
+    """Samples to hold at once of a record of this length."""
+    return length if length <= WHOLE_RECORD else WHOLE_RECORD // 8
+
+
+def offset_line(
+    read: Reader, spans: list[Samples], samples_per_revolution: float, rate: float, offset: str, where: str, note: Note
+) -> tuple[np.ndarray, np.ndarray]:
+    """The line through the revolution means of the air cuts: N at sample 0 and N per sample, each (axis,).
+
+    Air cut on one side of the cut only gives its level and no drift: a slope from there would be an extrapolation.
+    """
+    nothing = np.zeros(3), np.zeros(3)
+    if offset == "none":
+        note("offset-kept", "offset and drift are left in, as asked; the edge coefficients absorb them")
+        return nothing
+    if not spans:
+        if offset == "air":
+            raise RecordingError(f'{where}: no air cut was found for offset = "air"; give air_s, or offset = "auto"')
+        note(
+            "no-air-cut",
+            "no air cut in the record: offset and drift cannot be told from the force, so the edge coefficients absorb "
+            "them; record a second of air cut before and after",
+        )
+        return nothing
+    times, means = [], []
+    for low, high in spans:
+        whole = max(int((high - low) / samples_per_revolution), 1)
+        edges = np.minimum(np.rint(low + np.arange(whole + 1) * samples_per_revolution), high).astype(np.int64)
+        for a, b in pairwise(edges):
+            times.append((a + b - 1) / 2)
+            means.append(read(int(a), int(b)).mean(axis=1))
+    time, mean = np.array(times), np.array(means)  # (revolution,), (revolution, axis)
+    if not np.all(np.isfinite(mean)):
+        raise RecordingError(f"{where}: the air cut holds samples that are no numbers; give air_s without them")
+    centre, level, slope = time.mean(), mean.mean(axis=0), np.zeros(3)
+    if len(spans) > 1:
+        slope = (time - centre) @ (mean - level) / np.sum((time - centre) ** 2)
+    offsets = ", ".join(f"{axis} {value:.3g}" for axis, value in zip(AXES, level, strict=True))
+    drifts = ", ".join(f"{axis} {value * rate:.3g}" for axis, value in zip(AXES, slope, strict=True))
+    seconds = sum(high - low for low, high in spans) / rate
+    note(
+        "offset-removed",
+        f"removed an offset of {offsets} N"
+        + (f" and a drift of {drifts} N/s" if len(spans) > 1 else "")
+        + f", from {seconds:.2g} s of air cut"
+        + ("" if len(spans) > 1 else "; it lies on one side of the cut only, so drift stays in"),
+    )
+    return level - slope * centre, slope

@@ -1,0 +1,187 @@
+"""Where in the record the tool cuts steadily, and where it is in the air."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from millcal.data import Recording
+from millcal.errors import RecordingError
+from millcal.numerics.spectra import Reader
+from millcal.stages.conditioning.forces import Note, Samples, Span, block_size
+
+OVERVIEW_POINTS = 2000
+AIR_REVOLUTIONS = 5  # fewer do not carry an offset
+
+
+class Survey(NamedTuple):
+    """One look at every sample."""
+
+    edges: np.ndarray  # (revolution + 1,) samples, at the stated speed
+    strength: np.ndarray  # (revolution,) N, AC rms of the three axes together; nan where a sample is no number
+    time: np.ndarray  # (overview,) samples
+    low: np.ndarray  # (axis, overview) N
+    high: np.ndarray  # (axis, overview) N
+
+
+def survey_record(read: Reader, length: int, samples_per_revolution: float) -> Survey:
+    """AC rms of every revolution, which knows no offset and no drift, and the envelope of the whole record."""
+    edges = np.rint(np.arange(0, length + 0.5, samples_per_revolution)).astype(np.int64)
+    edges = edges[edges <= length]
+    turns = len(edges)  # the last is a part of a revolution
+    total, square = np.zeros((3, turns)), np.zeros((3, turns))
+    width = max(1, -(-length // OVERVIEW_POINTS))
+    low, high = [], []
+    level: np.ndarray | None = None
+    size = max(1, block_size(length) // width) * width
+    for start in range(0, length, size):
+        y = read(start, min(start + size, length))
+        bins = np.arange(0, y.shape[1], width)
+        low.append(np.fmin.reduceat(y, bins, axis=1))
+        high.append(np.fmax.reduceat(y, bins, axis=1))
+        if level is None:  # near the mean, so that a large offset costs no digits
+            level = np.nan_to_num(np.nanmedian(y[:, :1000], axis=1) if np.isfinite(y[:, :1000]).any() else 0.0)
+            level = np.broadcast_to(level, 3)[:, np.newaxis]
+        y = y - level
+        inner = edges[(edges > start) & (edges < start + y.shape[1])]
+        cuts = np.concatenate([[start], inner])
+        turn = np.searchsorted(edges, cuts, "right") - 1
+        total[:, turn] += np.add.reduceat(y, cuts - start, axis=1)
+        square[:, turn] += np.add.reduceat(y**2, cuts - start, axis=1)
+    count = np.diff(edges)
+    power = square[:, :-1] / count - (total[:, :-1] / count) ** 2
+    middle = np.minimum(np.arange(0, length, width) + (width - 1) / 2, length - 1)
+    return Survey(
+        edges,
+        np.sqrt(np.maximum(power, 0.0).sum(axis=0)),
+        middle,
+        np.concatenate(low, axis=1),
+        np.concatenate(high, axis=1),
+    )
+
+
+def densest_half(values: np.ndarray) -> tuple[float, float]:
+    """Level and spread of the shortest interval with half of the values: ramps and bursts do not move it.
+
+    returns (level, standard deviation if they were normal)
+    """
+    ordered = np.sort(values)
+    half = (len(ordered) + 1) // 2
+    widths = ordered[half - 1 :] - ordered[: len(ordered) - half + 1]
+    at = int(np.argmin(widths))
+    return float(ordered[at : at + half].mean()), float(widths[at] / 1.349)
+
+
+def stretches(mask: np.ndarray, bridge: int = 0) -> list[Samples]:
+    """Runs of True, with gaps of up to `bridge` closed: (first, last + 1)."""
+    steps = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
+    found: list[Samples] = []
+    for low, high in zip(np.flatnonzero(steps == 1), np.flatnonzero(steps == -1), strict=True):
+        if found and low - found[-1][1] <= bridge:
+            found[-1] = (found[-1][0], int(high))
+        else:
+            found.append((int(low), int(high)))
+    return found
+
+
+def longest(runs: list[Samples]) -> Samples:
+    return max(runs, key=lambda run: run[1] - run[0])
+
+
+def steady_samples(recording: Recording, steady: Span | None, survey: Survey, where: str, note: Note) -> Samples:
+    """The steady cut: as stated, else the longest stretch of revolutions at the level of the cut."""
+    n, rate = recording.samples.shape[1], recording.sample_rate
+    steady = steady if steady is not None else recording.steady
+    if steady is not None:
+        start, stop = round(steady[0] * rate), round(steady[1] * rate)
+        if not 0 <= start < stop <= n + 1:
+            raise RecordingError(
+                f"{where}: steady_s = [{steady[0]:g}, {steady[1]:g}] does not lie within the record of {n / rate:g} s; "
+                "give times after its first sample"
+            )
+        stop = min(stop, n)
+    else:
+        first, last = _steady_revolutions(survey.strength, where, note)
+        start, stop = int(survey.edges[first]), int(survey.edges[last])
+        if last == len(survey.strength):
+            stop = n
+    _refuse_what_is_no_number(recording, start, stop, where)
+    return start, stop
+
+
+def _steady_revolutions(strength: np.ndarray, where: str, note: Note) -> Samples:
+    """Revolutions of the steady cut.
+
+    The level of the cut is the densest half of what exceeds half of the strongest, found a second time without ramps and
+    air. A ramp that ends within the record still has a flat foot inside the band about that level: as many revolutions as
+    it takes from nine tenths of the level to the band are left out beside it.
+    """
+    usable = np.isfinite(strength)
+    if usable.sum() < 2:
+        raise RecordingError(
+            f"{where}: holds {len(strength)} whole revolutions at the stated speed, {int(usable.sum())} of them all numbers; "
+            "a cut needs at least 2, check the spindle speed and the sample rate"
+        )
+    inside = usable & (strength > 0.5 * np.quantile(strength[usable], 0.95))
+    if not inside.any():
+        raise RecordingError(f"{where}: the forces never change; check the channels named in the map")
+    for spreads in (4.0, 5.0):
+        level, spread = densest_half(strength[inside])
+        near = usable & (np.abs(strength - level) <= max(spreads * spread, 0.02 * level))
+        runs = stretches(near, bridge=3)
+        first, last = longest(runs)
+        inside = np.zeros_like(usable)
+        inside[first:last] = usable[first:last]
+    if any(low != first and high - low > 0.5 * (last - first) for low, high in runs):
+        note("several-cuts", "several stretches look like a steady cut; the longest is used, give steady_s for another")
+    weak = np.flatnonzero(~(strength >= 0.9 * level))
+    before, after = weak[weak < first], weak[weak >= last]
+    foot = first - before[-1] - 1 if len(before) else 0
+    heel = after[0] - last if len(after) else 0
+    if last - first > 4 * (foot + heel):
+        first, last = first + int(foot), last - int(heel)
+    return first, last
+
+
+def _refuse_what_is_no_number(recording: Recording, start: int, stop: int, where: str) -> None:
+    size = block_size(stop - start)
+    for at in range(start, stop, size):
+        block = np.asarray(recording.block(at, min(at + size, stop)))[recording.force_rows()]
+        bad = np.flatnonzero(~np.isfinite(block).all(axis=0))
+        if len(bad):
+            raise RecordingError(
+                f"{where}: a force is not a number at {(at + bad[0]) / recording.sample_rate:g} s, within the steady cut; "
+                "give steady_s without it"
+            )
+
+
+def air_samples(
+    recording: Recording, air: Sequence[Span] | None, survey: Survey, steady: Samples, where: str
+) -> list[Samples]:
+    """Air cuts: as stated, else the quiet revolutions before and after the cut, less the one beside it."""
+    n, rate = recording.samples.shape[1], recording.sample_rate
+    air = air if air is not None else recording.air
+    if air is not None:
+        spans = [(max(round(low * rate), 0), min(round(high * rate), n)) for low, high in air]
+        for (low, high), (start, stop) in zip(air, spans, strict=True):
+            if stop <= start:
+                raise RecordingError(
+                    f"{where}: air_s = [{low:g}, {high:g}] does not lie within the record of {n / rate:g} s; "
+                    "give times after its first sample"
+                )
+        return spans
+    edges, strength = survey.edges, survey.strength
+    cutting = strength[(edges[:-1] >= steady[0]) & (edges[1:] <= steady[1]) & np.isfinite(strength)]
+    if not len(cutting):
+        return []
+    found = []
+    for side, trim in ((edges[1:] <= steady[0], (0, 1)), (edges[:-1] >= steady[1], (1, 0))):
+        quiet = strength[side & (np.nan_to_num(strength, nan=np.inf) < 0.25 * np.median(cutting))]
+        if len(quiet) <= AIR_REVOLUTIONS:
+            continue
+        floor, spread = densest_half(quiet)
+        limit = floor + max(5 * spread, 0.002 * float(np.median(cutting)))
+        first, last = longest(stretches(side & (np.nan_to_num(strength, nan=np.inf) <= limit), bridge=1))
+        if last - first > AIR_REVOLUTIONS:  # the revolution beside the ramp may hold its beginning
+            found.append((int(edges[first + trim[0]]), int(edges[last - trim[1]])))
+    return found
