@@ -82,13 +82,10 @@ class CoefficientsTable(Table):
 class StabilityTable(Table):
     """Options of the stability map; what is absent is that of the cuts, where they agree."""
 
-    renamed: ClassVar = {"rpm": "spindle_speed"}
-    not_arguments: ClassVar = frozenset(
-        {"radial_depth_mm", "direction", "feed_per_tooth_mm", "spindle_speed_rpm", "axial_depth_mm"}
-    )
+    renamed: ClassVar = {"rpm": "spindle_speed", "spindle_speed_rpm": "operating_speed"}
     method: Literal["zoa"] = Field("zoa", description="zoa: zero-order approximation")
     rpm: Span = Field(description="[lowest, highest] spindle speed of the map, rpm")
-    points: int = Field(2000, ge=2, description="number of speeds of the map")
+    points: int = Field(400, ge=2, description="number of speeds of the map")
     members: int = Field(2000, ge=0, description="draws for the band on the limit; 0 for none")
     rigid: Literal["", "x", "y"] = Field("", description="axis without measured dynamics that is known to be rigid")
     radial_depth_mm: Positive | None = Field(None, description="width of engagement, mm; the cuts' when absent")

@@ -199,6 +199,7 @@ def _stability(found: StabilityMap) -> dict[str, Any]:
             "ap_mm": _shop(found.limit_depth[i], "ap_mm"),
             "kind": "hopf",  # the zero-order approximation knows no flip
             "chatter_hz": _known(found.chatter_frequency[i]),
+            "lobe": int(found.lobe[i]),
         }
         if banded:
             crossing["ap_mm_ci95"] = [_shop(bound[i], "ap_mm") for bound in (found.limit_low, found.limit_high)]
@@ -221,6 +222,7 @@ def _stability(found: StabilityMap) -> dict[str, Any]:
                 "ap_mm": _shop(best.axial_depth, "ap_mm"),
                 "mrr_cm3_per_min": _shop(best.removal_rate, "mrr_cm3_per_min"),
                 "p_stable": None if best.p_stable is None else _known(best.p_stable),
+                "safe_ap_mm": _shop(best.safe_depth, "ap_mm"),
             }
             for best in found.best
         ],
@@ -229,7 +231,15 @@ def _stability(found: StabilityMap) -> dict[str, Any]:
         else {
             "rpm": _shop(point[0], "x_rpm"),
             "ap_mm": _shop(point[1], "ap_mm"),
-            "p_stable": None if found.operating_p_stable is None else _known(found.operating_p_stable),
+            "p_stable": _known(found.operating_p_stable),
+            "limit_ap_mm": _shop(found.operating_limit, "ap_mm"),
+            "limit_ap_mm_ci95": None
+            if found.operating_limit_interval is None
+            else [_shop(bound, "ap_mm") for bound in found.operating_limit_interval],
+            "limit_mm": _shop(found.operating_limit, "ap_mm"),
+            "limit_mm_ci95": None
+            if found.operating_limit_interval is None
+            else [_shop(bound, "ap_mm") for bound in found.operating_limit_interval],
         },
         "limit": limit,
     }
@@ -350,15 +360,43 @@ def _stability_text(found: StabilityMap) -> str:
         f"{s['method']}, {found.teeth} teeth, {found.direction}, radial depth {s['radial_depth_mm']:.4g} mm: "
         f"stable at any speed below {_cell(minimum['ap_mm'])} mm"
     ]
+    banded = found.limit_low is not None
+    rows = []
+    for i in _round_speeds(np.array([entry["rpm"] for entry in s["limit"]])):
+        entry = s["limit"][i]
+        first = entry["crossings"][0] if entry["crossings"] else dict.fromkeys(("ap_mm", "chatter_hz", "lobe"))
+        interval = [_interval(first.get("ap_mm_ci95"))] if banded else []
+        rows.append((round(entry["rpm"]), first["ap_mm"], *interval, first["chatter_hz"], first["lobe"]))
+    lines.append(table(("rpm", "limit mm", *(["95 %"] if banded else []), "chatter Hz", "lobe"), rows))
     if s["best"]:
-        rows = [(round(b["rpm"]), b["ap_mm"], b["mrr_cm3_per_min"], b["p_stable"]) for b in s["best"]]
-        lines.append(table(("rpm", "depth mm", "cm3/min", "p stable"), rows))
+        lines.append("best speeds, the most material first:")
+        keys = ("ap_mm", "mrr_cm3_per_min", "p_stable", "safe_ap_mm")[: 4 if banded else 2]
+        rows = [(round(b["rpm"]), *(b[key] for key in keys)) for b in s["best"]]
+        lines.append(table(("rpm", "limit mm", "cm3/min", "p stable", "safe mm")[: len(keys) + 1], rows))
     else:
         lines.append("no pocket between lobes in this range of speeds")
     if s["operating_point"] is not None:
         p = s["operating_point"]
-        lines.append(f"operating point {p['rpm']:.0f} rpm, {p['ap_mm']:.4g} mm: p stable {_cell(p['p_stable'])}")
+        stable = "" if p["p_stable"] is None else f", stable with probability {p['p_stable']:.3g}"
+        limit = f"limit {_cell(p['limit_mm'])} mm"
+        if p["limit_mm_ci95"] is not None:
+            limit += f" ({_interval(p['limit_mm_ci95'])})"
+        lines.append(f"operating point {p['rpm']:.0f} rpm, {p['ap_mm']:.4g} mm: {limit}{stable}")
     return "\n".join(lines)
+
+
+def _round_speeds(rpm: np.ndarray) -> list[int]:
+    """Indices of the speeds of a map nearest to round ones, about a dozen of them."""
+    span = float(rpm[-1] - rpm[0])
+    steps = [mantissa * 10.0**power for power in range(-1, 6) for mantissa in (1, 2, 5)]
+    step = next(step for step in steps if span / step <= 14)
+    first = int(np.ceil(rpm[0] / step - 1e-9))
+    wanted = step * np.arange(first, int(np.floor(rpm[-1] / step + 1e-9)) + 1)
+    return list(dict.fromkeys(int(np.argmin(np.abs(rpm - speed))) for speed in wanted))
+
+
+def _interval(bounds: Sequence[float | None] | None) -> str:
+    return "-" if bounds is None else " to ".join(_cell(bound) for bound in bounds)
 
 
 _TEXTS: dict[type, Callable[[Any], str]] = {

@@ -1,0 +1,335 @@
+"""The main job: a recipe's recordings through all its stages into one result folder. Only this file knows their order.
+
+    cuts -> conditioning ----------------> coefficients -> stability -> report
+    impact tests -> frf (or modes by hand) ---------------^
+
+A recipe may leave stages out; what is left out for a reason of the recipe is said in a notice. The folder is made under a
+temporary name beside its place and renamed at the end, so that a run that is killed leaves the old result or none.
+"""
+
+import json
+import os
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from millcal.data import Coefficients, CutForce, Frf, Modes, Notice, Record, Recording
+from millcal.errors import IllPosedError, MillcalError, RecipeError, RecordingError
+from millcal.io.provenance import provenance
+from millcal.io.recipes import Recipe
+from millcal.io.recordings import read_recording
+from millcal.io.results import read_result, write_result, write_results, write_text_atomically
+from millcal.io.summaries import summarise, value_at
+from millcal.report.page import render
+from millcal.stages.coefficients import fit_coefficients
+from millcal.stages.conditioning import condition_cut
+from millcal.stages.frf import estimate_frf
+from millcal.stages.stability import map_stability
+
+Progress = Callable[[float, str], None]  # share done in 0..1, what is being done
+
+RECORD_FILES = {"frf": "frf.h5", "modes": "modes.h5", "coefficients": "coefficients.h5", "stability": "stability.h5"}
+FILES = ("cuts.h5", *RECORD_FILES.values(), "summary.json", "report.html")
+
+
+@dataclass(frozen=True)
+class PipelineResult:
+    """What a run found, or why it did not run."""
+
+    summary: dict[str, Any]  # what summary.json holds
+    results: dict[str, Any] = field(default_factory=dict)  # cuts (tuple), frf, modes, coefficients, stability
+    notices: tuple[Notice, ...] = ()
+    provenance: dict[str, Any] = field(default_factory=dict)
+    skipped: bool = False  # the recipe's recordings are absent
+
+    @property
+    def missed(self) -> list[dict[str, Any]]:
+        """The expectations that failed."""
+        return [entry for entry in self.summary.get("expect", []) if not entry["ok"]]
+
+
+def run(recipe: Recipe, out: Path, *, progress: Progress | None = None, seed: int | None = None) -> PipelineResult:
+    """Run every stage a recipe names and replace the result folder `out`; the same recipe gives the same bytes.
+
+    progress : called with (share, label)   seed : in place of the recipe's
+    """
+    absent = [path for path in recipe.recordings if not path.is_file()]
+    if recipe.recordings and len(absent) == len(recipe.recordings):
+        message = f"skipped, because its recordings are absent ({absent[0]}); put them there to run it"
+        notice = Notice("data-absent", message, str(recipe.path))
+        return PipelineResult({"title": recipe.title}, notices=(notice,), skipped=True)
+    if absent:
+        _refuse_absent(recipe, absent[0])
+    if not recipe.recordings:
+        raise RecipeError(f"{recipe.path}: no recordings to fit; name them under [[cuts]] or [impact]")
+    out = Path(out)
+    check_folder(out)
+    seed = recipe.seed if seed is None else seed
+    with _at_its_line(recipe):
+        results, recordings, notices = _stages(recipe, seed, progress or (lambda share, label: None))
+    origin = provenance(recipe.recordings, recipe.text, seed)
+    summary = _summary(recipe, results, recordings, notices, origin)
+    with replaced_folder(out) as folder:
+        _write(folder, results, summary, origin)
+    return PipelineResult(summary, results, tuple(notices), origin)
+
+
+def _stages(recipe: Recipe, seed: int, progress: Progress) -> tuple[dict[str, Any], list[dict[str, Any]], list[Notice]]:
+    """The records of all stages, what was recorded, and every notice, each once."""
+    results: dict[str, Any] = {}
+    recordings: list[dict[str, Any]] = []
+    notices: list[Notice] = []
+    taken: list[tuple[float, float]] = [(0.0, 0.6), (0.6, 0.8), (0.8, 0.9), (0.9, 1.0)]  # shares of the progress
+
+    if recipe.cuts:
+        results["cuts"] = _cuts(recipe, _part(progress, *taken[0]), recordings, notices)
+    if recipe.impact:
+        results["frf"] = _frf(recipe, _part(progress, *taken[1]), recordings, notices)
+    elif recipe.structure:
+        results["modes"] = recipe.structure.modes
+    if recipe.cuts:
+        progress(taken[2][0], "coefficients")
+        sensor = read_result(recipe.sensor, Frf) if recipe.sensor else None
+        results["coefficients"] = fit_coefficients(results["cuts"], sensor=sensor, **recipe.coefficients.arguments())
+        notices += results["coefficients"].notices
+    if recipe.stability:
+        dynamics = results.get("frf") or results.get("modes")
+        reason = _why_no_map(results.get("coefficients"), dynamics)
+        if reason:
+            notices.append(Notice("no-stability-map", reason, recipe.where("stability")))
+        else:
+            results["stability"] = map_stability(
+                dynamics,
+                results["coefficients"].posterior,
+                **_map_arguments(recipe, results["coefficients"]),
+                rng=np.random.default_rng(seed),
+                progress=_part(progress, *taken[3]),
+            )
+            notices += results["stability"].notices
+    return results, recordings, list(dict.fromkeys(notices))
+
+
+def _cuts(recipe: Recipe, progress: Progress, recordings: list, notices: list[Notice]) -> tuple[CutForce, ...]:
+    """Read and condition the cuts, one at a time."""
+    forces = []
+    for number, entry in enumerate(recipe.cuts):
+        part = _part(progress, number / len(recipe.cuts), (number + 1) / len(recipe.cuts))
+        setup = replace(recipe.setup, conditions=entry.conditions, steady=entry.steady, air=entry.air)
+        recording = read_recording(entry.recording, setup=setup, progress=_part(part, 0.0, 0.5))
+        _note(recording, entry.recording, recordings, notices)
+        if recording.cutter is None or recording.conditions is None:
+            missing = "cutter" if recording.cutter is None else "conditions"
+            raise RecipeError(
+                f"{recipe.where(f'cuts.{number}')}: no {missing}, neither here nor in {entry.recording}; "
+                f"add a [{missing}] table"
+            )
+        force = condition_cut(
+            recording,
+            steady=entry.steady,
+            air=entry.air,
+            progress=_part(part, 0.5, 1.0),
+            **recipe.conditioning.arguments(),
+        )
+        notices += force.notices
+        forces.append(force)
+    return tuple(forces)
+
+
+def _frf(recipe: Recipe, progress: Progress, recordings: list, notices: list[Notice]) -> Frf:
+    """Read the impact tests and estimate the FRF."""
+    tests = []
+    for number, path in enumerate(recipe.impact.recordings):
+        share = 0.5 / len(recipe.impact.recordings)
+        tests.append(
+            read_recording(
+                path, setup=recipe.impact.setup, progress=_part(progress, number * share, (number + 1) * share)
+            )
+        )
+        _note(tests[-1], path, recordings, notices)
+    frf = estimate_frf(tests, progress=_part(progress, 0.5, 1.0), **recipe.frf.arguments())
+    notices += frf.notices
+    return frf
+
+
+def _note(recording: Recording, path: Path, recordings: list, notices: list[Notice]) -> None:
+    """Keep what a recording is, not its samples."""
+    recordings.append({**summarise(recording), "path": path.as_posix()})
+    notices += recording.notices
+
+
+def _why_no_map(coefficients: Coefficients | None, dynamics: Frf | Modes | None) -> str:
+    """What a stability map lacks, empty when nothing."""
+    if coefficients is None:
+        return "no map, because no cuts give coefficients; add [[cuts]]"
+    if dynamics is None:
+        return "no map, because the dynamics are unknown; add [impact] recordings or [[structure.modes]]"
+    return ""
+
+
+def _map_arguments(recipe: Recipe, coefficients: Coefficients) -> dict[str, Any]:
+    """Options of the map; what the recipe does not say is that of the cuts, where they agree."""
+    options = recipe.stability.arguments()
+    cutter, cuts = coefficients.cutter, coefficients.conditions
+    given = {
+        name: options.pop(name)
+        for name in ("radial_depth", "direction", "feed_per_tooth", "operating_speed", "axial_depth")
+    }
+    for name, key in (("radial_depth", "radial_depth_mm"), ("direction", "direction")):
+        if given[name] is None:
+            values = {getattr(conditions, name) for conditions in cuts}
+            if len(values) > 1:
+                where = recipe.where(f"stability.{key}")
+                raise RecipeError(f"{where}: the cuts differ in it; say which the map is for")
+            given[name] = values.pop()
+    if given["feed_per_tooth"] is None:  # a map for the best feed that was tried, if none is named
+        given["feed_per_tooth"] = max(conditions.feed_per_tooth for conditions in cuts)
+    speed, depth = given.pop("operating_speed"), given.pop("axial_depth")
+    return {
+        **options,
+        **given,
+        "teeth": cutter.teeth,
+        "diameter": cutter.diameter,
+        "pitch": cutter.pitch,
+        "operating_point": None if speed is None else (speed, depth),
+    }
+
+
+def _summary(
+    recipe: Recipe, results: Mapping[str, Any], recordings: list, notices: list[Notice], origin: dict[str, Any]
+) -> dict[str, Any]:
+    """What summary.json holds: the answers first, then what they rest on."""
+    fit = summarise(results["coefficients"]) if "coefficients" in results else {}
+    chart = summarise(results["stability"]) if "stability" in results else {}
+    chart.pop("limit", None)  # the curve is in stability.h5
+    summary = {
+        "title": recipe.title,
+        "verdict": fit.pop("verdict", None),
+        "coefficients": fit.pop("coefficients", None),
+        "modes": summarise(results["modes"])["modes"] if "modes" in results else None,
+        "best": chart.pop("best", None),
+        "expect": [],
+        "report": "report.html",
+        **{key: fit.pop(key, None) for key in ("method", "law", "r2", "residual_rms_N", "checks")},
+        "fit": fit or None,
+        "stability": chart or None,
+        "frf": summarise(results["frf"]) if "frf" in results else None,
+        "cuts": [summarise(cut) for cut in results.get("cuts", ())],
+        "recordings": recordings,
+        "warnings": [{"code": n.code, "message": n.message, "where": n.where} for n in notices],
+        "provenance": origin,
+    }
+    summary = _plain(summary)
+    summary["expect"] = [_expectation(summary, key, wanted) for key, wanted in recipe.expect.items()]
+    return summary
+
+
+def _expectation(summary: Mapping[str, Any], key: str, wanted: tuple[float, float] | str) -> dict[str, Any]:
+    """An expectation beside what was found; a text is met by what begins with it."""
+    value = value_at(summary, key)
+    if isinstance(wanted, str):
+        return {
+            "key": key,
+            "value": value,
+            "interval": wanted,
+            "ok": isinstance(value, str) and value.startswith(wanted),
+        }
+    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    return {"key": key, "value": value, "interval": list(wanted), "ok": is_number and wanted[0] <= value <= wanted[1]}
+
+
+def _plain(value: Any) -> Any:
+    """The same tree in the types of JSON, None for what is not finite."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def _write(folder: Path, results: Mapping[str, Any], summary: dict[str, Any], origin: dict[str, Any]) -> None:
+    """All files of a result folder."""
+    if results.get("cuts"):
+        write_results(folder / "cuts.h5", results["cuts"], provenance=origin)
+    for name, file in RECORD_FILES.items():
+        if isinstance(results.get(name), Record):
+            write_result(folder / file, results[name], provenance=origin)
+    text = json.dumps(summary, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    write_text_atomically(folder / "summary.json", text)
+    write_text_atomically(folder / "report.html", render(results, summary, origin))
+
+
+def check_folder(out: Path) -> None:
+    """Refuse to replace what is no result folder of millcal, or holds anything besides."""
+    if not os.path.lexists(out):
+        return
+    if not out.is_dir():
+        raise RecipeError(f"{out}: is a file; name a folder for the result")
+    names = sorted(path.name for path in out.iterdir())
+    foreign = [name for name in names if name not in FILES and not name.endswith(".mk")]
+    if foreign:
+        raise RecipeError(
+            f"{out}: holds {foreign[0]}, which is no part of a result and would be lost; "
+            "move it away or choose another folder"
+        )
+
+
+@contextmanager
+def replaced_folder(out: Path) -> Iterator[Path]:
+    """A new folder beside `out`, which takes its place when the block ends well and vanishes when it does not."""
+    aside = out.with_name(f".{out.name}.{os.getpid()}.old")
+    folder = out.with_name(f".{out.name}.{os.getpid()}.part")
+    try:
+        folder.mkdir(parents=True)
+        yield folder
+        if out.exists():
+            os.replace(out, aside)
+        os.replace(folder, out)
+    except OSError as problem:
+        raise RecipeError(
+            f"{out}: cannot be written ({(problem.strerror or str(problem)).lower()}); choose another place"
+        ) from None
+    finally:
+        if aside.exists() and not out.exists():
+            os.replace(aside, out)
+        for left in (folder, aside):
+            shutil.rmtree(left, ignore_errors=True)
+
+
+def _refuse_absent(recipe: Recipe, path: Path) -> None:
+    keys = {
+        **{cut.recording: f"cuts.{number}.recording" for number, cut in enumerate(recipe.cuts)},
+        **{
+            test: f"impact.recordings.{number}"
+            for number, test in enumerate(recipe.impact.recordings if recipe.impact else ())
+        },
+    }
+    where = recipe.where(keys.get(path, "coefficients.sensor"))
+    raise RecordingError(f"{where}: {path} is absent, other recordings are there; check the path")
+
+
+@contextmanager
+def _at_its_line(recipe: Recipe) -> Iterator[None]:
+    """A stage names the option it refuses (`stability.rpm: ...`); here the recipe's file and line are put before it."""
+    try:
+        yield
+    except (RecipeError, IllPosedError) as problem:
+        key, _, rest = str(problem).partition(": ")
+        if key.split(".")[0] not in ("cuts", "impact", "conditioning", "frf", "coefficients", "stability", "structure"):
+            raise
+        raise _same_kind(problem, f"{recipe.where(key)}: {rest}") from None
+
+
+def _same_kind(problem: MillcalError, message: str) -> MillcalError:
+    return type(problem)(message)
+
+
+def _part(progress: Progress, start: float, stop: float) -> Progress:
+    """The progress of one part of the work, from 0 to 1, as that of the whole."""
+    return lambda share, label: progress(start + (stop - start) * share, label)
