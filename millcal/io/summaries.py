@@ -199,7 +199,7 @@ def _stability(found: StabilityMap) -> dict[str, Any]:
             "ap_mm": _shop(found.limit_depth[i], "ap_mm"),
             "kind": "hopf",  # the zero-order approximation knows no flip
             "chatter_hz": _known(found.chatter_frequency[i]),
-            "lobe": int(found.lobe[i]),
+            "lobe": _known(found.lobe[i]),
         }
         if banded:
             crossing["ap_mm_ci95"] = [_shop(bound[i], "ap_mm") for bound in (found.limit_low, found.limit_high)]

@@ -1,0 +1,122 @@
+"""A record's JSON holds what the contract promises, in shop units, with null for what is not known."""
+
+import json
+
+import numpy as np
+import pytest
+
+from millcal.data import BestSpeed, Channel, Posterior, Recording, StabilityMap
+from millcal.io.summaries import summarise, table, text_of, value_at
+
+
+def finite(value):
+    """Whether a JSON tree is free of nan and infinity, which JSON cannot say."""
+    json.dumps(value, allow_nan=False)
+    return True
+
+
+def test_a_summary_is_json_without_nan_and_a_text_has_no_nan_either(record):
+    assert finite(summarise(record))
+    assert "nan" not in text_of(record)
+    assert text_of(record) == text_of(record).rstrip()
+
+
+def test_coefficients_are_told_by_name_with_value_unit_sd_and_interval(make_record):
+    told = summarise(make_record("coefficients"))
+    assert told["coefficients"]["Ktc"] == {
+        "value": pytest.approx(900.0), "unit": "N/mm^2", "sd": pytest.approx(1e-6),
+        "ci95": [pytest.approx(800.0), pytest.approx(1000.0)],
+    }  # fmt: skip
+    assert told["coefficients"]["Krc"]["ci95"] == [pytest.approx(100.0), None]
+    assert set(told["r2"]) == {"x", "y", "z"}
+    assert told["verdict"] == "fits"
+    assert told["left_out"] is None
+
+
+def test_the_names_of_runout_carry_their_unit_and_exponents_none():
+    posterior = Posterior(
+        names=("kt", "mt", "Kte", "c0"), units=("N/m^2", "1", "N/m", "m"), mean=np.array([5e8, 0.3, 2e4, 11e-6]),
+        covariance=np.diag([1e12, 1e-4, 1e6, 1e-12]), interval=np.zeros((4, 2)), law="kienzle", method="nls",
+    )  # fmt: skip
+    from millcal.io.summaries import _posterior
+
+    told = _posterior(posterior)
+    assert {name: entry["unit"] for name, entry in told.items()} == {
+        "kt": "N/mm^2", "mt": "1", "Kte": "N/mm", "c0_um": "um",
+    }  # fmt: skip
+    assert told["c0_um"]["value"] == pytest.approx(11.0)
+    assert told["c0_um"]["sd"] == pytest.approx(1.0)
+    assert told["Kte"]["value"] == pytest.approx(20.0)
+
+
+def test_a_map_lists_the_crossings_of_each_speed_and_none_where_there_is_no_limit():
+    found = StabilityMap(
+        spindle_speed=np.array([100 * np.pi, 200 * np.pi]), limit_depth=np.array([2e-3, np.inf]),
+        chatter_frequency=np.array([800.0, np.nan]), lobe=np.array([1.0, np.nan]), limit_low=np.array([1e-3, 5e-3]),
+        limit_high=np.array([3e-3, np.inf]), method="zoa", teeth=2, radial_depth=1e-2, diameter=25e-3,
+        direction="down", feed_per_tooth=None, absolute_minimum=1e-3, absolute_minimum_frequency=810.0,
+        best=(BestSpeed(200 * np.pi, 2e-3, np.nan, None),),
+    )  # fmt: skip
+    told = summarise(found)
+    assert told["limit"][0]["rpm"] == pytest.approx(3000)
+    assert told["limit"][0]["crossings"] == [
+        {"ap_mm": 2.0, "kind": "hopf", "chatter_hz": 800.0, "lobe": 1, "ap_mm_ci95": [1.0, 3.0]}
+    ]
+    assert told["limit"][1]["crossings"] == []
+    assert told["best"][0]["mrr_cm3_per_min"] is None
+    assert told["best"][0]["p_stable"] is None
+    assert told["minimum"] == {"ap_mm": 1.0, "chatter_hz": 810.0}
+
+
+def test_an_frf_tells_its_hits_and_the_median_coherence_is_unknown_for_single_hits(make_record):
+    told = summarise(make_record("frf"))
+    assert told["coherence_median"] is None
+    assert told["frequency_hz"] == [0.0, 39.0, 40]
+    assert told["hits"][0] == {
+        "recording": "a.h5", "index": 0, "onset_s": 0.1, "peak_N": 250.0, "accepted": False, "reasons": ["double"],
+    }  # fmt: skip
+
+
+def test_a_recording_tells_its_channels():
+    recording = Recording(
+        samples=np.zeros((1, 500)), sample_rate=1000.0, channels=(Channel("fx", "force", "N", "tipX"),), name="a.csv"
+    )
+    told = summarise(recording)
+    assert told["duration_s"] == 0.5
+    assert told["channels"] == [{"name": "fx", "quantity": "force", "unit": "N", "dof": "tipX"}]
+    assert "a.csv" in text_of(recording)
+
+
+SUMMARY = {
+    "coefficients": {"Ktc": {"value": 700.0, "ci95": [690.0, 710.0]}, "c0_um": {"value": 11.0}},
+    "best": [{"rpm": 9000.0}],
+    "verdict": "fits",
+    "r2": {"x": 0.9},
+}
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        ("coefficients.Ktc_N_per_mm2", 700.0),
+        ("coefficients.Ktc", 700.0),
+        ("coefficients.Ktc.value", 700.0),
+        ("coefficients.Ktc.ci95.1", 710.0),
+        ("coefficients.c0_um", 11.0),
+        ("best.0.rpm", 9000.0),
+        ("best.1.rpm", None),
+        ("verdict", "fits"),
+        ("verdict.x", None),
+        ("r2.x", 0.9),
+        ("r2", None),
+        ("coefficients.Kxx_N_per_mm2", None),
+    ],
+)
+def test_a_dotted_path_finds_a_value_or_nothing(path, value):
+    assert value_at(SUMMARY, path) == value
+
+
+def test_a_table_lines_up():
+    assert table(("name", "N"), [("a", 1.0), ("long name", 12345.678), ("c", None)]) == (
+        "name           N\na              1\nlong name  12346\nc              -"
+    )
