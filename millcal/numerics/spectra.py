@@ -277,13 +277,13 @@ def asynchronous_lines(
 ) -> list[Line]:
     """Lines of the residual's spectrum that noise would reach once in 1 / family_error recordings.
 
-    Periodograms (Hann window) of equal stretches are averaged; where there is only noise, the mean of m of them follows a
-    gamma distribution about its level, which the local median tells. Beside a multiple of the fundamental stands what its
-    own wander leaves, so three bins, and a share `guard` of the fundamental, are left out to either side.
+    Periodograms (Hann window) of equal stretches are averaged. Where there is only noise, their mean is chi-square about its
+    level, and the local median that tells the level is itself nearly chi-square, so the ratio follows F. Beside a multiple
+    of the fundamental stands what its own wander leaves: three bins, and a share `guard` of the fundamental, are left out.
 
     harmonics : (channel, K + 1) with theta = 0 at start   neighbours : bins of the local median
     """
-    from scipy.special import gammaincinv
+    from scipy.special import fdtri, gammaincinv
 
     stretches = max(1, -(-(stop - start) // longest))
     size = (stop - start) // stretches
@@ -299,7 +299,9 @@ def asynchronous_lines(
     clear = distance > max(3.0 / (size * cycle), guard)
     level = np.array([_running_median(p, neighbours) for p in power])
     bins = max(int(clear.sum()) * len(power), 1)
-    threshold = gammaincinv(stretches, (1 - family_error) ** (1 / bins)) / gammaincinv(stretches, 0.5)
+    freedom = stretches * neighbours / 1.94  # of the median; the window makes neighbours alike
+    above_mean = fdtri(2 * stretches, freedom, 1 - family_error / bins)
+    threshold = above_mean * stretches / gammaincinv(stretches, 0.5)
     lines = []
     for channel, p in enumerate(power):
         over = (p > threshold * level[channel]) & clear

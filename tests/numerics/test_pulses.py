@@ -1,0 +1,41 @@
+"""Pulse edges between the samples."""
+
+import numpy as np
+import pytest
+
+from millcal.numerics.pulses import pulse_times
+from millcal.numerics.spectra import reader_of
+
+PERIOD = 97.3
+
+
+def pulses(n, width=0.06, rise=3.0, first=20.0):
+    """A train with linear flanks `rise` samples long; the leading edge passes the middle at first + i PERIOD."""
+    phase = (np.arange(n) - first + PERIOD / 4) % PERIOD - PERIOD / 4
+    up = np.clip(phase / rise + 0.5, 0, 1)
+    down = np.clip((width * PERIOD - phase) / rise + 0.5, 0, 1)
+    return np.minimum(up, down)
+
+
+@pytest.mark.parametrize(("scale", "offset"), [(1.0, 0.0), (5.0, -1.0), (-2.0, 3.0)])
+def test_leading_edges_are_timed_between_samples_whatever_level_and_polarity(scale, offset):
+    y = offset + scale * pulses(5000)
+    found = pulse_times(reader_of(y[np.newaxis]), 0, 5000)
+    assert found == pytest.approx(20.0 + PERIOD * np.arange(len(found)), abs=1e-9)
+    assert len(found) == 52
+
+
+def test_blocks_of_any_size_give_the_same_edges():
+    y = pulses(5000)[np.newaxis]
+    assert np.array_equal(pulse_times(reader_of(y), 0, 5000, size=37), pulse_times(reader_of(y), 0, 5000))
+
+
+def test_noise_on_a_slow_edge_makes_no_second_pulse():
+    rng = np.random.default_rng(1)
+    y = pulses(20_000, width=0.4, rise=20.0) + 0.05 * rng.standard_normal(20_000)
+    found = pulse_times(reader_of(y[np.newaxis]), 0, 20_000)
+    assert np.diff(found) == pytest.approx(PERIOD, abs=6.0)
+
+
+def test_a_constant_signal_has_no_pulses():
+    assert len(pulse_times(reader_of(np.ones((1, 100))), 0, 100)) == 0
