@@ -12,21 +12,22 @@ SAMPLE_RATE = 51200  # Hz
 SEED = 1
 
 PLAIN = """
-import sys, time
 import pandas as pd
-start, rows = time.process_time(), 0
-for chunk in pd.read_csv(sys.argv[1], chunksize=250_000):
-    rows += len(chunk.to_numpy())
-print(rows, time.process_time() - start)
+def read(path):
+    return sum(len(chunk.to_numpy()) for chunk in pd.read_csv(path, chunksize=250_000))
 """
 
 MILLCAL = """
-import sys, time
-from pathlib import Path
 from millcal.io.recordings import read_recording
-start, rows = time.process_time(), 0
-for _, block in read_recording(Path(sys.argv[1])).blocks():
-    rows += block.shape[1]
+def read(path):
+    return sum(block.shape[1] for _, block in read_recording(path).blocks())
+"""
+
+TIMED = """
+import sys, time
+read(sys.argv[1])  # a short file, for what is imported on the way
+start = time.process_time()
+rows = read(sys.argv[2])
 print(rows, time.process_time() - start)
 """
 
@@ -48,10 +49,13 @@ def write_text(path: Path, megabytes: int) -> None:
 def text_reader(options) -> str:
     """Every sample once, from a cold process; a rate is rows per CPU second of reading, imports aside, with threads counted."""
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "cut.csv"
-        write_text(path, options.size_mb)
+        short, long = Path(folder) / "short.csv", Path(folder) / "long.csv"
+        write_text(short, 1)
+        write_text(long, options.size_mb)
         programs = {"pandas.read_csv(chunksize)": PLAIN, "millcal.io.recordings": MILLCAL}
-        commands = {name: [sys.executable, "-c", code, str(path)] for name, code in programs.items()}
+        commands = {
+            name: [sys.executable, "-c", code + TIMED, str(short), str(long)] for name, code in programs.items()
+        }
         costs = take_turns(commands, options.repeats)
     rates, rows = {}, set()
     for name, runs in costs.items():
