@@ -45,7 +45,7 @@ def simulate(
             recording, known = _cut(plan, number, rng) if is_cut else _impact(plan, table, rng)
             path = out / table.recording
             _write(path, recording, table)
-            truth["recordings"][table.recording] = {"sha256": sha256_of(path), **known}
+            truth["recordings"][table.recording] = known
             n_channels, n_samples = recording.samples.shape
             lines.append(f"{path}: {recording.kind}, {n_channels} channels, {n_samples} samples")
     write_text_atomically(out / "truth.json", json.dumps(truth, indent=1, ensure_ascii=False) + "\n")

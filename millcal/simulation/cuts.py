@@ -21,7 +21,6 @@ from millcal.simulation.noise import measured
 from millcal.units import to_shop
 
 TIP = ("tipX", "tipY", "tipZ")
-TRUTH_HARMONICS = 13  # told in the truth, from the mean on: F = Re sum_k c_k exp(j k theta)
 BLOCK = 8192  # samples: three axes of complex numbers stay in the cache
 
 
@@ -164,7 +163,7 @@ def simulate_cut(
         channels=tuple(channels),
         name=name,
         start_time=start_time,
-        cutter=cutter,
+        cutter=replace(cutter, runout=0.0, runout_angle=0.0),  # nobody at the machine knows it
         conditions=conditions,
     )
     if axis_map:
@@ -180,7 +179,7 @@ def simulate_cut(
         | {"direction": conditions.direction},
         "spindle_frequency_hz": motion.frequency,
         "steady_s": list(timeline.steady_span),
-        "force_harmonics_N": [[[c.real, c.imag] for c in row] for row in force[:, :TRUTH_HARMONICS]],
+        "mean_force_N": force[:, 0].real.tolist(),  # on the tool, in the steady cut
         **shop_values(initial_angle_deg=motion.initial_angle),
     }
     return recording, truth
