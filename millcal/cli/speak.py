@@ -64,6 +64,17 @@ def reply(
             typer.echo(f"warning: {place}{notice.message} [{notice.code}]", err=True)
 
 
+def pairs(items: Iterable[str] | None, option: str) -> dict[str, str]:
+    """Options such as `--map fx=+Fy --map fy=+Fx` as a dict."""
+    found = {}
+    for item in items or ():
+        name, equals, value = item.partition("=")
+        if not (name.strip() and equals and value.strip()):
+            raise typer.BadParameter(f"{item!r} is not NAME=VALUE", param_hint=option)
+        found[name.strip()] = value.strip()
+    return found
+
+
 @contextmanager
 def progress_bar(quiet: bool) -> Iterator[Progress]:
     """A bar on stderr for work of more than two seconds; silent when quiet or when stderr is no terminal."""

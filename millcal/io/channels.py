@@ -36,7 +36,7 @@ _SIGNALS = {
     "nC": ("C", 1e-9),
 }
 _DOF_ENDING = re.compile(r"(?:^|.*[_ .])(?P<dof>[A-Za-z]+\d*[XYZ])")
-_KNOWN = "N, kN, lbf, m/s^2, g, m/s, um, mm, m, deg, Pa, or a sensitivity such as '100 mV/g'"
+_KNOWN = "N, kN, lbf, m/s^2, g, m/s, um, mm, m, deg, Pa, s for the time, or a sensitivity such as '100 mV/g'"
 
 
 @dataclass(frozen=True)

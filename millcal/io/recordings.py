@@ -30,7 +30,7 @@ from millcal.physics.cutter import Cutter, CuttingConditions
 __all__ = [
     "FORMATS",
     "Format",
-    "inspect_recording",
+    "mapping_of",
     "join_recordings",
     "open_source",
     "read_recording",
@@ -97,7 +97,7 @@ def read_recording(
     source = open_source(path, setup)
     if source.missing:
         raise RecordingError(f"{path}: {source.missing[0]}")
-    chosen = _choose(source, setup, map, units, acts_on)
+    chosen = chosen_channels(source, setup, map, units, acts_on)
     if chosen.problems:
         raise RecordingError(f"{path}: {chosen.problems[0]}")
     stated = setup.sample_rate if rate_hz is None else rate_hz
@@ -139,88 +139,7 @@ def mapping_of(
 ) -> dict[str, str]:
     """Which signed column each channel comes from: {"fx": "+Fy"}."""
     setup = setup or Setup()
-    return dict(_choose(open_source(path, setup), setup, map, units, acts_on).mapping)
-
-
-def inspect_recording(path: Path, *, setup: Setup | None = None, progress: Progress | None = None) -> dict[str, Any]:
-    """What is in a file, as the contract's JSON, with the units the file states and what is missing to read it.
-
-    Values are in the `unit` of each channel, null where the file does not say one.
-    """
-    path, setup = Path(path), setup or Setup()
-    source = open_source(path, setup)
-    chosen = _choose(source, setup, None, None, None)
-    missing = [*source.missing, *(chosen.problems if source.columns else ())]
-    n = len(source.columns)
-    low, high, total, power = np.full(n, np.inf), np.full(n, -np.inf), np.zeros(n), np.zeros(n)
-    count, blank, rows = np.zeros(n, dtype=int), np.zeros(n, dtype=int), 0
-    clock = None
-    if chosen.time is not None and chosen.time_scale is not None:
-        clock = TimeBase(path, source.columns[chosen.time].name, source.place)
-    trouble = None
-    for block in source.blocks(progress or silent):
-        rows += block.shape[1]
-        good = np.isfinite(block)
-        count += good.sum(axis=1)
-        blank += (~good).sum(axis=1)
-        known = np.where(good, np.clip(block, -1e150, 1e150), 0.0)
-        low = np.minimum(low, np.where(good, block, np.inf).min(axis=1, initial=np.inf))
-        high = np.maximum(high, np.where(good, block, -np.inf).max(axis=1, initial=-np.inf))
-        total += known.sum(axis=1)
-        power += (known**2).sum(axis=1)
-        if clock is not None and trouble is None:
-            try:
-                clock.add(block[chosen.time] * chosen.time_scale)
-            except RecordingError as problem:
-                trouble = str(problem)
-    rate, notices = setup.sample_rate or source.sample_rate, []
-    if clock is not None and rows:
-        try:
-            rate, notices = _rate_of(clock, setup.sample_rate, source.sample_rate) if trouble is None else (None, [])
-        except RecordingError as problem:
-            trouble = str(problem)
-    if trouble:
-        missing.append(trouble.removeprefix(f"{path}: "))
-    elif chosen.time is not None and chosen.time_scale is None:
-        name = source.columns[chosen.time].name
-        missing.append(f"the unit of the time column '{name}'; state it with --unit {name}=s (or ms, us)")
-    elif rate is None and source.columns:
-        missing.append("the sample rate; state it with --rate-hz, or name the time column by its unit: --unit NAME=s")
-    channels = []
-    settled = dict(zip(chosen.rows, chosen.channels, strict=True))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean, rms = total / count, np.sqrt(power / count)
-    for i, column in enumerate(source.columns):
-        if i == chosen.time:
-            continue
-        channel = settled.get(i)
-        channels.append(
-            {
-                "name": column.name,
-                "quantity": channel.quantity if channel else column.quantity,
-                "unit": column.unit,
-                "dof": column.dof or (channel.dof if channel else None),
-                "min": float(low[i]) if count[i] else None,
-                "max": float(high[i]) if count[i] else None,
-                "mean": float(mean[i]) if count[i] else None,
-                "rms": float(rms[i]) if count[i] else None,
-                "missing_values": int(blank[i]),
-            }
-        )
-    time = None if chosen.time is None else source.columns[chosen.time]
-    return {
-        "file": str(path),
-        "format": source.format,
-        "sample_rate_hz": rate,
-        "samples": rows,
-        "duration_s": rows / rate if rate else None,
-        "start_time_s": clock.first if clock is not None and rows else None,
-        "time_column": None if time is None else {"name": time.name, "unit": time.unit},
-        "channels": channels,
-        "missing": missing,
-        "details": {**source.details, **({"attributes": dict(source.attributes)} if source.attributes else {})},
-        "notices": (*source.notices, *notices),
-    }
+    return dict(chosen_channels(open_source(path, setup), setup, map, units, acts_on).mapping)
 
 
 def join_recordings(recordings: Sequence[Recording]) -> Recording:
@@ -242,7 +161,7 @@ def join_recordings(recordings: Sequence[Recording]) -> Recording:
             )
         length = recording.samples.shape[1]
         own = np.array([[0, length]]) if recording.segments is None else np.asarray(recording.segments)
-        segments.append(own + [begin, 0])
+        segments.append(own + np.array([begin, 0]))
         begin += length
     return replace(
         first,
@@ -252,13 +171,14 @@ def join_recordings(recordings: Sequence[Recording]) -> Recording:
     )
 
 
-def _choose(
+def chosen_channels(
     source: Source,
     setup: Setup,
     mapping: Mapping[str, str] | None,
     units: Mapping[str, str] | None,
     acts_on: str | None,
 ) -> Selection:
+    """The channels of an opened file, by its own words, the setup's, and those of the call, the later winning."""
     return choose_channels(
         source.columns,
         where=str(source.path),
@@ -304,11 +224,12 @@ def _samples(
     if chosen.time_scale is None:
         notices += _time_without_unit(clock, stated, source.sample_rate)
         return scratch.settled(), stated or source.sample_rate or 0.0, clock.first, notices
-    rate, more = _rate_of(clock, stated, source.sample_rate)
+    rate, more = rate_of(clock, stated, source.sample_rate)
     return scratch.settled(), rate, clock.first, notices + more
 
 
-def _rate_of(clock: TimeBase, stated: float | None, header: float | None) -> tuple[float, list[Notice]]:
+def rate_of(clock: TimeBase, stated: float | None, header: float | None) -> tuple[float, list[Notice]]:
+    """Sample rate in Hz from the times, what the user states and what the header says, and notices."""
     rate, notices = clock.rate(stated, header)
     mending = "check the unit of the time column, or state the rate with --rate-hz"
     return checked_rate(rate, clock.where, mending), notices
