@@ -100,7 +100,7 @@ def pulse_around(pulse: np.ndarray, at: int, level: float) -> tuple[int, int]:
 def second_pulse(pulse: np.ndarray, start: int, stop: int, noise: float) -> tuple[float, int, int, int] | None:
     """A second pulse beside the largest one: share, distance in samples, first and after-last sample of both; or None.
 
-    Far from the pulse the mean over one pulse length is tested (six standard deviations and 3 % of the pulse's mean);
+    Far from the pulse the mean over one pulse length is tested (some five standard deviations and 3 % of its mean);
     beside it, where both may be merged, a rise after a dip (six standard deviations and 5 % of the peak), smoothed over
     a third of the pulse so that the ringing of an anti-alias filter is no pulse.
 
@@ -114,8 +114,9 @@ def second_pulse(pulse: np.ndarray, start: int, stop: int, noise: float) -> tupl
     gap = max(2, length // 2)
     far = (index + length <= start - gap) | (index >= stop + gap)
     if far.sum() > 2 * length:
+        chance = np.sqrt(2.0 * np.log(100.0 * len(means)))  # standard deviations that noise passes once in 1000 records
         middle, scatter = noise_of(means[far][:: max(1, length // 8)])
-        hit = far & (means - middle > max(6.0 * scatter, 0.03 * mean))
+        hit = far & (means - middle > max(chance * scatter, 0.03 * mean))
         if hit.any():
             at = int(np.argmax(np.where(hit, means, -np.inf)))
             where = np.flatnonzero(hit)
@@ -197,19 +198,24 @@ def survey_hit(force: np.ndarray, response: np.ndarray, block: int, around: tupl
 def is_flat_topped(samples: np.ndarray, least: int = 3) -> bool:
     """Whether a channel ends in a flat top: `least` equal extreme samples between steps no rounded peak would have.
 
-    A rounded peak too may stay `least` samples on one count of the converter, but then its neighbours are within two
-    counts (parabola); here more than four are asked for on both sides.   samples : (n,)
+    A rounded peak too may stay some samples on one count of the converter, but then its neighbours are within two counts
+    (parabola); here more than four are asked for on both sides. Noise may put three to five samples on one count by
+    chance, so that so short a top must also stand clear of the noise.   samples : (n,)
     """
     for extreme in (samples.max(), samples.min()):
         at_extreme = samples == extreme
         if np.count_nonzero(at_extreme) < least:
             continue
+        steps = np.abs(np.diff(samples))
+        if not steps.any():
+            return False
+        count = steps[steps > 0].min()
+        noise = np.percentile(steps[:: max(1, len(steps) // 1024)], 25) / 0.45  # |difference| of white noise
         for a, b in runs(at_extreme):
             if b - a < least or a == 0 or b == len(samples):
                 continue
-            steps = np.abs(np.diff(samples))
-            count = steps[steps > 0].min()
-            if min(abs(extreme - samples[a - 1]), abs(extreme - samples[b])) > 4.0 * count:
+            drop = min(abs(extreme - samples[a - 1]), abs(extreme - samples[b]))
+            if drop > 4.0 * count and (b - a > 5 or drop > 5.0 * noise):
                 return True
     return False
 
