@@ -118,7 +118,7 @@ def _cuts(recipe: Recipe, progress: Progress, recordings: list, notices: list[No
     """Read and condition the cuts, one at a time."""
     forces = []
     for number, entry in enumerate(recipe.cuts):
-        part = _part(progress, number / len(recipe.cuts), (number + 1) / len(recipe.cuts))
+        part = _part(progress, number / len(recipe.cuts), (number + 1) / len(recipe.cuts), entry.recording.name)
         setup = replace(recipe.setup, conditions=entry.conditions, steady=entry.steady, air=entry.air)
         recording = read_recording(entry.recording, setup=setup, progress=_part(part, 0.0, 0.5))
         _note(recording, entry.recording, recordings, notices)
@@ -330,6 +330,6 @@ def _same_kind(problem: MillcalError, message: str) -> MillcalError:
     return type(problem)(message)
 
 
-def _part(progress: Progress, start: float, stop: float) -> Progress:
-    """The progress of one part of the work, from 0 to 1, as that of the whole."""
-    return lambda share, label: progress(start + (stop - start) * share, label)
+def _part(progress: Progress, start: float, stop: float, name: str = "") -> Progress:
+    """The progress of one part of the work, from 0 to 1, as that of the whole; its labels after `name`."""
+    return lambda share, label: progress(start + (stop - start) * share, f"{name}: {label}" if name else label)

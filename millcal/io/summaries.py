@@ -236,10 +236,6 @@ def _stability(found: StabilityMap) -> dict[str, Any]:
             "limit_ap_mm_ci95": None
             if found.operating_limit_interval is None
             else [_shop(bound, "ap_mm") for bound in found.operating_limit_interval],
-            "limit_mm": _shop(found.operating_limit, "ap_mm"),
-            "limit_mm_ci95": None
-            if found.operating_limit_interval is None
-            else [_shop(bound, "ap_mm") for bound in found.operating_limit_interval],
         },
         "limit": limit,
     }
@@ -378,9 +374,9 @@ def _stability_text(found: StabilityMap) -> str:
     if s["operating_point"] is not None:
         p = s["operating_point"]
         stable = "" if p["p_stable"] is None else f", stable with probability {p['p_stable']:.3g}"
-        limit = f"limit {_cell(p['limit_mm'])} mm"
-        if p["limit_mm_ci95"] is not None:
-            limit += f" ({_interval(p['limit_mm_ci95'])})"
+        limit = f"limit {_cell(p['limit_ap_mm'])} mm"
+        if p["limit_ap_mm_ci95"] is not None:
+            limit += f" ({_interval(p['limit_ap_mm_ci95'])})"
         lines.append(f"operating point {p['rpm']:.0f} rpm, {p['ap_mm']:.4g} mm: {limit}{stable}")
     return "\n".join(lines)
 

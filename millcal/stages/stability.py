@@ -152,9 +152,13 @@ def _coefficients(
             raise IllPosedError("stability.feed_per_tooth_mm: a Kienzle law needs the feed of the cut; give it")
         index = [posterior.names.index(name) for name in names]
         mean = posterior.mean[index]
+        known = bool(np.all(np.isfinite(posterior.covariance)))
         sure = rng is None or members < 2 or not np.any(posterior.covariance[np.ix_(index, index)])
-        draws = None if sure else posterior.sample(rng, members)[:, index]
+        draws = None if sure or not known else posterior.sample(rng, members)[:, index]
         notices = []
+        if not known:
+            message = "the cuts are too few to tell how sure their coefficients are, so the limit has no band from them"
+            notices.append(Notice("coefficients-no-spread", message + "; add a cut at another feed", "coefficients"))
         if kienzle:
             mean, draws = _tangent(mean, mean_chip), None if draws is None else _tangent(draws, mean_chip)
             notices.append(

@@ -1,0 +1,247 @@
+"""The main job: stages in their order, a folder that is whole or as it was, and the same bytes each time."""
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import h5py
+import pytest
+
+from millcal import pipeline
+from millcal.data import Coefficients, CutForce, Frf, StabilityMap
+from millcal.errors import MillcalError, RecipeError, RecordingError
+from millcal.io.recipes import read_recipe
+from millcal.io.results import read_provenance, read_result, read_results
+
+
+def bytes_of(folder):
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+@pytest.fixture(scope="module")
+def whole(recordings_folder, recipe_text, tmp_path_factory):
+    """The result of the whole small recipe: (folder, PipelineResult)."""
+    path = recordings_folder / "whole.toml"
+    path.write_text(recipe_text)
+    out = tmp_path_factory.mktemp("whole") / "out"
+    return out, pipeline.run(read_recipe(path), out)
+
+
+def test_every_stage_leaves_its_record_and_the_summary_its_answers(whole):
+    out, found = whole
+    assert sorted(path.name for path in out.iterdir()) == [
+        "coefficients.h5", "cuts.h5", "frf.h5", "report.html", "stability.h5", "summary.json",
+    ]  # fmt: skip
+    assert len(read_results(out / "cuts.h5", CutForce)) == 3
+    assert read_result(out / "frf.h5", Frf).inputs == ("tipX", "tipY")
+    assert read_result(out / "coefficients.h5", Coefficients).posterior["Ktc"] == pytest.approx(820e6, rel=0.01)
+    assert read_result(out / "stability.h5", StabilityMap).method == "zoa"
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary == found.summary
+    assert {"coefficients", "modes", "best", "expect", "report", "verdict"} <= set(summary)
+    assert summary["best"][0]["rpm"] > 4000
+    assert [entry["ok"] for entry in summary["expect"]] == [True, True]
+    assert found.missed == []
+    assert len(summary["recordings"]) == 5
+
+
+def test_every_file_carries_the_recipe_the_seed_and_the_sum_of_every_input(whole):
+    out, _ = whole
+    for name in ("cuts.h5", "frf.h5", "coefficients.h5", "stability.h5"):
+        origin = read_provenance(out / name)
+        assert origin["seed"] == 4
+        assert origin["recipe"].startswith('title = "Small slot cuts"')
+        assert [path.rsplit("/", 1)[1] for path in origin["inputs"]] == [
+            "cut-0.h5", "cut-1.h5", "cut-2.h5", "tap-x.h5", "tap-y.h5",
+        ]  # fmt: skip
+        assert set(origin["versions"]) >= {"millcal", "numpy", "scipy"}
+
+
+def test_the_same_recipe_twice_gives_the_same_bytes_in_every_file(small_recipe, tmp_path):
+    recipe = read_recipe(small_recipe())
+    pipeline.run(recipe, tmp_path / "a")
+    time.sleep(1.05)  # the resolution of a stamp
+    pipeline.run(recipe, tmp_path / "another" / "b")
+    assert bytes_of(tmp_path / "a") == bytes_of(tmp_path / "another" / "b")
+
+
+def test_another_seed_moves_the_band_and_nothing_that_was_measured(whole, small_recipe, tmp_path):
+    pipeline.run(read_recipe(small_recipe()), tmp_path / "out", seed=5)
+    first, second = (read_result(folder / "stability.h5", StabilityMap) for folder in (whole[0], tmp_path / "out"))
+    assert (first.limit_low != second.limit_low).any()
+    assert (first.limit_depth == second.limit_depth).all()
+
+
+CUTS_ONLY = """\
+[[cuts]]
+recording = "cut-0.h5"
+[[cuts]]
+recording = "cut-2.h5"
+[conditioning]
+harmonics = 6
+[coefficients]
+method = "average"
+"""
+IMPACT_ONLY = '[impact]\nrecordings = ["tap-x.h5"]\n'
+BY_HAND = (
+    CUTS_ONLY
+    + """\
+[cutter]
+diameter_mm = 16
+teeth = 2
+helix_deg = 30
+[structure]
+modes = [
+  {axis = "x", fn_hz = 700, zeta = 0.03, k_N_per_m = 2e7},
+  {axis = "y", fn_hz = 900, zeta = 0.03, k_N_per_m = 3e7},
+]
+[stability]
+rpm = [4000, 12000]
+points = 20
+"""
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "files", "notices"),
+    [
+        (CUTS_ONLY, {"cuts.h5", "coefficients.h5"}, set()),
+        (IMPACT_ONLY, {"frf.h5"}, set()),
+        (BY_HAND, {"cuts.h5", "coefficients.h5", "modes.h5", "stability.h5"}, set()),
+        (
+            CUTS_ONLY + "[cutter]\ndiameter_mm = 16\nteeth = 2\nhelix_deg = 30\n[stability]\nrpm = [4000, 12000]\n",
+            {"cuts.h5", "coefficients.h5"},
+            {"no-stability-map"},
+        ),
+        (
+            IMPACT_ONLY + "[cutter]\ndiameter_mm = 16\nteeth = 2\n[stability]\nrpm = [4000, 12000]\n",
+            {"frf.h5"},
+            {"no-stability-map"},
+        ),
+    ],
+    ids=["cuts only", "impact only", "modes by hand", "no dynamics", "no cuts"],
+)
+def test_a_recipe_may_leave_stages_out_and_a_map_that_cannot_be_made_is_said(
+    text, files, notices, small_recipe, tmp_path
+):
+    found = pipeline.run(read_recipe(small_recipe(text)), tmp_path / "out")
+    assert {path.name for path in (tmp_path / "out").iterdir()} == files | {"summary.json", "report.html"}
+    assert {notice.code for notice in found.notices} & {"no-stability-map"} == notices
+
+
+def test_conditions_of_the_recipe_win_over_those_of_the_recording(small_recipe, tmp_path, recipe_text):
+    text = recipe_text.replace("axial_depth_mm = 2\ndirection", "axial_depth_mm = 4\ndirection")
+    found = pipeline.run(read_recipe(small_recipe(text)), tmp_path / "out")
+    assert found.summary["coefficients"]["Ktc"]["value"] == pytest.approx(410, rel=0.01)
+
+
+def test_recordings_that_are_all_absent_skip_the_recipe_and_leave_the_folder_alone(small_recipe, tmp_path, recipe_text):
+    text = recipe_text.replace("cut-", "absent-").replace("tap-", "absent-")
+    found = pipeline.run(read_recipe(small_recipe(text)), tmp_path / "out")
+    assert found.skipped
+    assert [notice.code for notice in found.notices] == ["data-absent"]
+    assert not (tmp_path / "out").exists()
+
+
+def test_one_absent_recording_is_an_error_at_its_line(small_recipe, tmp_path, recipe_text):
+    path = small_recipe(recipe_text.replace("tap-y.h5", "tap-q.h5"))
+    with pytest.raises(RecordingError, match=r"small\.toml:33: impact\.recordings\.1: .*tap-q\.h5 is absent"):
+        pipeline.run(read_recipe(path), tmp_path / "out")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_failing_run_leaves_the_old_result(small_recipe, tmp_path, recordings_folder, recipe_text):
+    out = tmp_path / "out"
+    pipeline.run(read_recipe(small_recipe(CUTS_ONLY)), out)
+    before = bytes_of(out)
+    shutil.copy(recordings_folder / "cut-0.h5", tmp_path / "short.h5")
+    with open(tmp_path / "short.h5", "r+b") as file:
+        file.truncate(5000)
+    broken = small_recipe(CUTS_ONLY.replace("cut-2.h5", str(tmp_path / "short.h5")), "broken.toml")
+    with pytest.raises(MillcalError, match=r"short\.h5"):
+        pipeline.run(read_recipe(broken), out)
+    assert bytes_of(out) == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "short.h5"]
+
+
+def test_a_stage_that_refuses_an_option_names_its_line(small_recipe, tmp_path):
+    text = CUTS_ONLY + 'law = "kienzle"\n'
+    with pytest.raises(MillcalError, match=r"small\.toml:9: coefficients\.law: "):
+        pipeline.run(read_recipe(small_recipe(text)), tmp_path / "out")
+
+
+def test_a_recording_without_conditions_is_told_at_its_cut(small_recipe, tmp_path, recordings_folder):
+    shutil.copy(recordings_folder / "cut-0.h5", tmp_path / "bare.h5")
+    with h5py.File(tmp_path / "bare.h5", "a") as file:
+        for key in ("spindle_speed_rpm", "feed_per_tooth_mm", "axial_depth_mm", "radial_depth_mm", "direction"):
+            file.attrs.pop(key, None)
+    text = f'[[cuts]]\nrecording = "{tmp_path / "bare.h5"}"\n'
+    with pytest.raises(MillcalError, match="conditions"):
+        pipeline.run(read_recipe(small_recipe(text)), tmp_path / "out")
+
+
+def test_a_folder_with_something_else_in_it_is_not_replaced(small_recipe, tmp_path):
+    recipe = read_recipe(small_recipe(CUTS_ONLY))
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(RecipeError, match=r"holds notes\.txt, which is no part of a result"):
+        pipeline.run(recipe, tmp_path)
+    with pytest.raises(RecipeError, match="is a file; name a folder"):
+        pipeline.run(recipe, tmp_path / "notes.txt")
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+def test_an_empty_folder_and_an_old_result_are_replaced(small_recipe, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    pipeline.run(read_recipe(small_recipe(BY_HAND)), out)
+    (out / "inputs.mk").write_text("")
+    pipeline.run(read_recipe(small_recipe(CUTS_ONLY)), out)
+    assert {path.name for path in out.iterdir()} == {"cuts.h5", "coefficients.h5", "summary.json", "report.html"}
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+@pytest.mark.parametrize(
+    ("wanted", "ok"),
+    [
+        ('"coefficients.Ktc_N_per_mm2" = [810, 830]', True),
+        ('"coefficients.Ktc_N_per_mm2" = [830, 840]', False),
+        ('"coefficients.Kxx" = [0, 1]', False),
+        ('"r2.y" = [0.99, 1]', True),
+        ('"cuts.1.revolutions" = [30, 50]', True),
+        ('verdict = "does not fit"', False),
+        ('law = "linear-edge"', True),
+    ],
+)
+def test_an_expectation_is_a_dotted_path_and_an_interval_or_the_beginning_of_a_text(wanted, ok, whole, small_recipe):
+    _, found = whole
+    recipe = read_recipe(small_recipe(CUTS_ONLY + f"[expect]\n{wanted}\n"))
+    ((key, interval),) = recipe.expect.items()
+    assert pipeline._expectation(found.summary, key, interval)["ok"] is ok
+
+
+RUN = """
+import sys
+from millcal import pipeline
+from millcal.io.recipes import read_recipe
+recipe = read_recipe(sys.argv[1])
+print("ready", flush=True)
+while True:
+    pipeline.run(recipe, sys.argv[2])
+"""
+
+
+@pytest.mark.parametrize("delay", [0.05, 0.4, 0.9, pytest.param(1.7, marks=pytest.mark.long)])
+def test_a_killed_run_leaves_a_whole_result_or_none(delay, small_recipe, tmp_path):
+    out = tmp_path / "out"
+    run = subprocess.Popen([sys.executable, "-c", RUN, str(small_recipe(CUTS_ONLY)), str(out)], stdout=subprocess.PIPE)
+    assert run.stdout.readline() == b"ready\n"
+    time.sleep(delay)
+    run.send_signal(signal.SIGKILL)
+    run.wait()
+    if out.exists():
+        assert {path.name for path in out.iterdir()} == {"cuts.h5", "coefficients.h5", "summary.json", "report.html"}
+        read_result(out / "coefficients.h5", Coefficients)
+        json.loads((out / "summary.json").read_text())
