@@ -178,16 +178,18 @@ def _phase_root(n: np.ndarray, turns: np.ndarray, zeta: float) -> np.ndarray:
     """
     low, high = np.maximum(n - 0.5, 0.0) / turns, (n + 0.5) / turns
     r = np.where(n >= 0, (low + high) / 2, np.nan)
+    before = np.full(r.shape, np.inf)
     for _ in range(100):
         u, v = 1 - r**2, 2 * zeta * r
         error = turns * r - np.arctan2(u, v) / np.pi - n
         slope = turns + 2 * zeta * (1 + r**2) / (u**2 + v**2) / np.pi
         low, high = np.where(error < 0, r, low), np.where(error < 0, high, r)
         step = r - error / slope
-        new = np.where((step >= low) & (step <= high), step, (low + high) / 2)
+        sure = (step >= low) & (step <= high) & (np.abs(error) < before / 2)  # Newton alone can go round in a circle
+        new = np.where(sure, step, (low + high) / 2)
         if not np.any(np.abs(new - r) > 4e-16 * r):
-            return new
-        r = new
+            break
+        r, before = new, np.abs(error)
     return r
 
 
