@@ -172,9 +172,11 @@ def refine_cycle(
     time = (edges[:-1] + edges[1:] - start - stop) / 2
     rate = 2 * np.pi * np.multiply.outer(time, np.arange(1, K + 1))[:, np.newaxis, :]  # rad per unit of cycle
     sd = np.inf
+    steps = 2 * count  # reach the turn that segments can tell from its opposite
     for _ in range(12):
         found = block_harmonics(read, edges, cycle, K)[:, :, 1:]  # (segment, channel, harmonic)
-        error = _common_turn(found, rate, spacing=0.25 / K / (stop - start))
+        error = _common_turn(found, rate, 0.25 / K / (stop - start), steps)
+        steps = 1
         found = found * np.exp(-1j * error * rate)
         mean = found.mean(axis=0)
         pull = np.sum((mean.conj() * found).imag * rate, axis=(1, 2))
@@ -187,12 +189,11 @@ def refine_cycle(
     return Cycle(cycle, sd)
 
 
-def _common_turn(found: np.ndarray, rate: np.ndarray, spacing: float) -> float:
-    """The x that maximises sum |sum over segments of found exp(-j x rate)|^2: trials `spacing` apart, then Newton.
+def _common_turn(found: np.ndarray, rate: np.ndarray, spacing: float, steps: int) -> float:
+    """The x that maximises sum |sum over segments of found exp(-j x rate)|^2: trials to either side, then Newton.
 
     found : (segment, channel, harmonic)   rate : (segment, 1, harmonic)
     """
-    steps = 2 * len(found)
     trials = spacing * np.arange(-steps, steps + 1)
     power = [np.sum(np.abs(np.sum(found * np.exp(-1j * x * rate), axis=0)) ** 2) for x in trials]
     x = float(trials[int(np.argmax(power))])

@@ -15,7 +15,7 @@ from millcal.numerics import spectra
 from millcal.numerics.low_pass import low_pass_kernel, smoothed
 from millcal.stages.conditioning import findings, spindle
 from millcal.stages.conditioning.forces import Span, block_size, force_rows, offset_line, read_forces, stated_frequency
-from millcal.stages.conditioning.steady import air_samples, steady_samples, survey_record
+from millcal.stages.conditioning.steady import air_samples, all_numbers_around, steady_samples, survey_record
 
 __all__ = ["condition_cut"]
 
@@ -69,7 +69,7 @@ def condition_cut(
                 f"{where}: a low-pass at {lowpass:g} Hz does not lie below half the sample rate of {rate:g} Hz; "
                 "choose a lower one, or none"
             )
-        read = smoothed(read, start, stop, low_pass_kernel(lowpass / rate))
+        read = smoothed(read, *all_numbers_around(survey, (start, stop)), low_pass_kernel(lowpass / rate))
         note("low-pass", f"low-pass at {lowpass:g} Hz: harmonics from {int(lowpass / stated)} on come out smaller")
     read = spectra.buffered(read, stop, block_size(stop - start))
 

@@ -88,11 +88,13 @@ def offset_line(
         whole = max(int((high - low) / samples_per_revolution), 1)
         edges = np.minimum(np.rint(low + np.arange(whole + 1) * samples_per_revolution), high).astype(np.int64)
         for a, b in pairwise(edges):
-            times.append((a + b - 1) / 2)
-            means.append(read(int(a), int(b)).mean(axis=1))
-    time, mean = np.array(times), np.array(means)  # (revolution,), (revolution, axis)
-    if not np.all(np.isfinite(mean)):
+            mean_force = read(int(a), int(b)).mean(axis=1)
+            if np.all(np.isfinite(mean_force)):
+                times.append((a + b - 1) / 2)
+                means.append(mean_force)
+    if not means:
         raise RecordingError(f"{where}: the air cut holds samples that are no numbers; give air_s without them")
+    time, mean = np.array(times), np.array(means)  # (revolution,), (revolution, axis)
     centre, level, slope = time.mean(), mean.mean(axis=0), np.zeros(3)
     if len(spans) > 1:
         slope = (time - centre) @ (mean - level) / np.sum((time - centre) ** 2)

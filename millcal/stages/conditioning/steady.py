@@ -113,7 +113,7 @@ def _steady_revolutions(strength: np.ndarray, where: str, note: Note) -> Samples
     """Revolutions of the steady cut.
 
     The level of the cut is the densest half of what exceeds half of the strongest, found a second time without ramps and
-    air. A ramp that ends within the record still has a flat foot inside the band about that level: as many revolutions as
+    air. A long ramp still has a flat foot inside the band about that level: about as many revolutions as
     it takes from nine tenths of the level to the band are left out beside it.
     """
     usable = np.isfinite(strength)
@@ -136,11 +136,20 @@ def _steady_revolutions(strength: np.ndarray, where: str, note: Note) -> Samples
         note("several-cuts", "several stretches look like a steady cut; the longest is used, give steady_s for another")
     weak = np.flatnonzero(~(strength >= 0.9 * level))
     before, after = weak[weak < first], weak[weak >= last]
-    foot = first - before[-1] - 1 if len(before) else 0
-    heel = after[0] - last if len(after) else 0
+    foot = max(first - before[-1] - 2, 0) if len(before) else 0
+    heel = max(after[0] - last - 1, 0) if len(after) else 0
     if last - first > 4 * (foot + heel):
         first, last = first + int(foot), last - int(heel)
     return first, last
+
+
+def all_numbers_around(survey: Survey, steady: Samples) -> Samples:
+    """The samples about the steady cut, by whole revolutions, that are all numbers: room for a filter to run in."""
+    gaps = np.flatnonzero(~np.isfinite(survey.strength))
+    before, after = survey.edges[gaps + 1], survey.edges[gaps]
+    first = max(before[before <= steady[0]], default=0)
+    last = min(after[after >= steady[1]], default=max(survey.edges[-1], steady[1]))
+    return min(int(first), steady[0]), int(last)
 
 
 def _refuse_what_is_no_number(recording: Recording, start: int, stop: int, where: str) -> None:
