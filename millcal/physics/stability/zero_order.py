@@ -35,7 +35,6 @@ import numpy as np
 
 from millcal.physics.structure import Mode, receptance
 
-
 WEAKEST_PEAK = 0.1  # share of the largest -Re m: the depths that go with it are ten times the absolute minimum
 
 
