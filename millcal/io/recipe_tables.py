@@ -32,8 +32,9 @@ class ConditioningTable(Table):
 
     lowpass_hz: Positive | None = Field(None, description="corner of a zero-phase low-pass, Hz; none when absent")
     harmonics: int = Field(30, ge=1, description="number of harmonics of the spindle to save")
-    offset: Literal["auto", "constant", "none"] = Field(
-        "auto", description="what to remove by the air cuts: auto (offset and drift), constant (one offset) or none"
+    offset: Literal["auto", "air", "none"] = Field(
+        "auto",
+        description="offset and drift: auto by the air cuts if there are any, air insists on them, none stays in",
     )
 
 
@@ -72,11 +73,11 @@ class CoefficientsTable(Table):
     )
     taper: bool = Field(False, description="let the runout vary along the cutter")
     harmonics: int | None = Field(None, ge=1, description="highest harmonic of the fit; chosen when absent")
-    contact_loss: Literal["auto", "on", "off"] = Field(
-        "auto", description="teeth that miss the cut by runout: auto looks for them, on, off"
+    contact_loss: Literal["report", "adopt", "off"] = Field(
+        "report", description="teeth that miss the cut by runout: report it, adopt it in the coefficients, or off"
     )
     mean_weight: Positive = Field(5.0, description="weight of the mean force beside one harmonic")
-    sensor: str | None = Field(None, description="FRF file of the dynamometer, force out by force in")
+    sensor: str | None = Field(None, description="FRF file of the dynamometer: force out over force in, N/N")
 
 
 class StabilityTable(Table):

@@ -2,6 +2,7 @@
 
 import inspect
 from dataclasses import fields
+from typing import Literal, get_args, get_origin
 
 import pytest
 
@@ -45,6 +46,15 @@ def test_what_a_table_leaves_out_is_what_the_stage_takes_by_default(name):
         default = options.get(argument, inspect.Parameter.empty)
         if default is not inspect.Parameter.empty:
             assert value == default, argument
+
+
+@pytest.mark.parametrize("name", STAGES)
+def test_every_choice_of_a_table_is_one_that_its_stage_speaks_of(name):
+    table, function, _ = STAGES[name]
+    known = inspect.getdoc(function) + inspect.getsource(inspect.getmodule(function))
+    for key, info in table.model_fields.items():
+        for choice in get_args(info.annotation) if get_origin(info.annotation) is Literal else ():
+            assert choice in known, (key, choice)
 
 
 def test_every_record_field_is_declared_so_that_it_can_be_stored():
