@@ -15,10 +15,10 @@ ifneq ($(wildcard ../shared/.),)
 export MILLCAL_REFERENCE_DATA ?= $(abspath ../shared)
 endif
 
-.PHONY: help demo recipes test test-long lint bench dist clean
+.PHONY: help demo recipes sample-data test test-long lint bench dist clean
 
 help: ## show this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' Makefile
 
 # ---- set-up, redone only when pyproject.toml or constraints.txt change
 
@@ -70,6 +70,11 @@ $(RESULTS): build/%/inputs.mk: recipes/%.toml $(SOURCES) $(RUNTIME)
 	@if [ -e $@ ]; then echo "made $(@D)/report.html"; else echo "skipped $<: its recordings are not here"; fi
 
 $(foreach rule,$(wildcard $(RESULTS)),$(eval $(file <$(rule))))
+
+sample-data: $(RUNTIME) ## write the recordings of sample_data/ again from their recipes
+	@set -e; for recipe in recipes/simulate/*.toml; do \
+	  $(MILLCAL) simulate $$recipe --out sample_data/$$(basename $$recipe .toml) --quiet; done
+	@cd sample_data && LC_ALL=C sha256sum */* > SHA256SUMS
 
 # ---- development
 

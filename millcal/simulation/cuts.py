@@ -18,7 +18,7 @@ from millcal.physics.measuring_chain import MeasuringChain
 from millcal.physics.shaped_modes import ShapedMode, accelerance_between
 from millcal.physics.spindle import SpindleMotion
 from millcal.simulation.noise import measured
-from millcal.units import to_shop
+from millcal.simulation.truth import rounded, shop_values
 
 TIP = ("tipX", "tipY", "tipZ")
 BLOCK = 8192  # samples: three axes of complex numbers stay in the cache
@@ -59,11 +59,6 @@ class Line:
 
     frequency: float  # Hz
     amplitude: tuple[float, float, float]  # N, in x, y, z of the tool
-
-
-def shop_values(**values: float) -> dict[str, float]:
-    """SI values in the unit of their key, rounded to the twelve digits that a change of unit keeps."""
-    return {key: float(f"{to_shop(value, key):.12g}") for key, value in values.items()}
 
 
 def synthesise(harmonics: np.ndarray, angle: np.ndarray) -> np.ndarray:
@@ -177,9 +172,9 @@ def simulate_cut(
             radial_depth_mm=conditions.radial_depth,
         )
         | {"direction": conditions.direction},
-        "spindle_frequency_hz": motion.frequency,
-        "steady_s": list(timeline.steady_span),
-        "mean_force_N": force[:, 0].real.tolist(),  # on the tool, in the steady cut
+        "spindle_frequency_hz": rounded(motion.frequency),
+        "steady_s": [rounded(t) for t in timeline.steady_span],
+        "mean_force_N": [rounded(mean) for mean in force[:, 0].real],  # on the tool, in the steady cut
         **shop_values(initial_angle_deg=motion.initial_angle),
     }
     return recording, truth

@@ -15,6 +15,7 @@ from millcal.physics.hammer import HitFault, Pulse
 from millcal.physics.measuring_chain import MeasuringChain, anti_alias
 from millcal.physics.shaped_modes import ShapedMode, accelerance_between
 from millcal.simulation.noise import measured
+from millcal.simulation.truth import shop_values
 
 REST = 1e-12  # share of a response that may wrap around the period
 
@@ -106,9 +107,11 @@ def simulate_impact(
         "hits": [
             {
                 "index": hit,
-                "onset_s": hit * length / sample_rate + pulses[0].onset,
-                "peak_N": pulses[0].peak,
-                "pulse_ms": 1e3 * pulses[0].duration,
+                **shop_values(
+                    onset_s=hit * length / sample_rate + pulses[0].onset,
+                    peak_N=pulses[0].peak,
+                    pulse_ms=pulses[0].duration,
+                ),
                 "fault": faulty[hit].kind if hit in faulty else None,
             }
             for hit, pulses in enumerate(planned)
