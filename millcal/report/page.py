@@ -1,11 +1,29 @@
 """The report of a result folder: one self-contained HTML page from the records, the summary and the provenance.
 
 Everything drawn comes from the records; this room scales, thins and words it, and computes nothing that a stage did not
-save. Any record may be missing: its sections are then left out.
+save. Any record may be missing: its sections are then left out. The page loads nothing from anywhere.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path, PurePath
 from typing import Any
+
+import jinja2
+from markupsafe import Markup
+
+from millcal.data import Coefficients, CutForce, Frf, Modes, Notice, StabilityMap
+from millcal.report import figures, force_figures, stability_figure, tables
+from millcal.report.digits import fixed, plus_minus, significant
+from millcal.report.wording import Verdict, cutter_in_words, fit_verdict, operating_verdict, parameter, percent
+from millcal.units import to_shop
+
+_TEMPLATES = jinja2.Environment(
+    loader=jinja2.FileSystemLoader(Path(__file__).parent / "template"),
+    autoescape=True,
+    undefined=jinja2.StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
 
 
 def render(results: Mapping[str, Any], summary: Mapping[str, Any], provenance: Mapping[str, Any]) -> str:
@@ -16,6 +34,220 @@ def render(results: Mapping[str, Any], summary: Mapping[str, Any], provenance: M
     summary : what `summary.json` holds; read are `title`, `warnings` [{code, message, where}],
         `expect` [{key, value, interval, ok}] and `recordings` [{name, path, kind, sample_rate_hz, duration_s,
         channels: [{name, quantity, unit, dof}]}], each optional
-    provenance : `versions` {name: version}, `inputs` {path: sha256}, `seed`, `recipe` (its whole text), each optional
+    provenance : as `io.provenance` makes it: versions, `inputs` {path: sha256}, `seed`, `recipe` (its text), each optional
     """
-    raise NotImplementedError
+    cuts: Sequence[CutForce] = tuple(results.get("cuts") or ())
+    frf: Frf | None = results.get("frf")
+    modes: Modes | None = results.get("modes")
+    fit: Coefficients | None = results.get("coefficients")
+    map_: StabilityMap | None = results.get("stability")
+    sections = [
+        _measured(cuts, fit, summary, provenance),
+        _quality(cuts, frf),
+        _dynamics(frf, modes),
+        _force(fit, cuts),
+        _coefficients(fit),
+        _stability(map_),
+    ]
+    return _TEMPLATES.get_template("page.html.j2").render(
+        title=summary.get("title") or "Calibration report",
+        subtitle=_subtitle(cuts, fit, frf),
+        verdicts=_verdicts(fit, map_, summary),
+        key_numbers=_key_numbers(fit, map_),
+        expected=tables.expected(summary),
+        sections=[section for section in sections if section],
+        warnings=_warnings(summary, (*cuts, frf, modes, fit, map_)),
+        provenance=_provenance(provenance),
+        inputs=sorted((provenance.get("inputs") or {}).items()),
+        recipe=provenance.get("recipe") or "",
+    )
+
+
+def _section(name: str, title: str, *blocks: dict | None) -> dict | None:
+    """A section of what there is; none where there is nothing."""
+    there = [block for block in blocks if block]
+    return {"name": name, "title": title, "blocks": there} if there else None
+
+
+def _table(table: tables.Table | None) -> dict | None:
+    return {"kind": "table", "table": table} if table else None
+
+
+def _figure(figure: figures.Figure | None) -> dict | None:
+    if figure is None:
+        return None
+    return {"kind": "figure", "figure": figure, "charts": [Markup(svg) for svg in figure.charts]}
+
+
+def _figures(shown: Sequence[figures.Figure], title: str, caption: str, layout: str, key: Sequence = ()) -> dict | None:
+    """Several figures under one heading, side by side where the page is wide."""
+    inner = [_figure(figure) for figure in shown]
+    head = {"kind": "figures", "title": title, "caption": caption, "layout": layout, "key": key}
+    return {**head, "figures": inner} if inner else None
+
+
+def _facts(title: str, facts: Sequence[tuple[str, str]]) -> dict | None:
+    return {"kind": "facts", "title": title, "facts": facts} if facts else None
+
+
+def _measured(
+    cuts: Sequence[CutForce], fit: Coefficients | None, summary: Mapping[str, Any], provenance: Mapping[str, Any]
+) -> dict | None:
+    cutter = fit.cutter if fit is not None else cuts[0].cutter if cuts else None
+    return _section(
+        "measured",
+        "What was measured, and with what",
+        _facts("Cutter", cutter_in_words(cutter)) if cutter else None,
+        _table(tables.conditions(cuts, fit)),
+        _table(tables.recordings(summary, provenance)),
+    )
+
+
+def _quality(cuts: Sequence[CutForce], frf: Frf | None) -> dict | None:
+    shown = [cuts[number] for number in force_figures.cuts_shown(len(cuts))] if cuts else []
+    caption = "Lowest and highest force of every short stretch. Shaded: the steady part, which was used, and the air cuts."
+    if len(shown) < len(cuts):
+        caption += f" {len(shown)} of {len(cuts)} cuts are drawn."
+    return _section(
+        "quality",
+        "How good the recordings are",
+        _table(tables.synchronous(cuts)) if cuts else None,
+        _table(tables.peaks(cuts)),
+        _table(tables.removed(cuts)) if cuts else None,
+        _figures(
+            figures.overview(shown),
+            "The whole records",
+            caption,
+            "halves",
+            (("span steady", "steady cut"), ("span air", "air cut"), ("span signal", "envelope of the force")),
+        ),
+        _table(tables.hits(frf)) if frf is not None else None,
+    )
+
+
+def _dynamics(frf: Frf | None, modes: Modes | None) -> dict | None:
+    if frf is None:
+        return _section("structure", "Structure", _table(tables.modes(modes)) if modes is not None else None)
+    driving = [figures.driving_point(frf, output, given) for output, given in figures.driving_pairs(frf)]
+    key = [("line main", "measured"), ("span usable", "usable band")]
+    if frf.variance is not None:
+        key.insert(1, ("span band-main", "95 % band"))
+    caption = "Response and hammer in one direction. Where the coherence falls under 0.9 the curve is not to be relied on."
+    return _section(
+        "frf",
+        "Frequency response",
+        _figures(driving, "Driving points", caption, "halves", key),
+        _figure(figures.hammer_spectrum(frf)),
+        _figure(figures.cross_directions(frf)),
+        _table(tables.modes(modes)) if modes is not None else None,
+    )
+
+
+def _force(fit: Coefficients | None, cuts: Sequence[CutForce]) -> dict | None:
+    if fit is None:
+        return None
+    revolutions = force_figures.one_revolution(fit, cuts)
+    key = list(force_figures.MEASURED_AND_MODELLED)
+    if cuts:
+        key.insert(1, ("span band-measured", "± 2 sd of the revolutions"))
+    caption = "Force on the tool over one revolution of the spindle; an axis has one scale in all cuts."
+    if len(revolutions) < len(fit.cuts):
+        caption += f" {len(revolutions)} of {len(fit.cuts)} cuts are drawn."
+    return _section(
+        "force",
+        "Measured against modelled force",
+        _figures(revolutions, "Force over one revolution", caption, "stack", key),
+        _figure(force_figures.harmonics(fit)),
+        _figure(force_figures.mean_force(fit)),
+    )
+
+
+def _coefficients(fit: Coefficients | None) -> dict | None:
+    if fit is None:
+        return None
+    law = {"linear-edge": "linear-edge law", "kienzle": "Kienzle law"}.get(fit.posterior.law, fit.posterior.law)
+    return _section(
+        "coefficients",
+        "Cutting coefficients",
+        {"kind": "text", "text": f"{law}, method {fit.posterior.method}, {len(fit.cuts)} cuts."},
+        _table(tables.coefficients(fit)),
+        _figure(force_figures.intervals(fit)),
+        {"kind": "checks", "title": "Checks of the fit", "checks": fit.checks} if fit.checks else None,
+        _table(tables.agreement(fit)),
+        _table(tables.left_out(fit)),
+        _table(tables.alternatives(fit)),
+    )
+
+
+def _stability(map_: StabilityMap | None) -> dict | None:
+    if map_ is None:
+        return None
+    return _section(
+        "stability",
+        "Stability",
+        _facts("", tables.map_facts(map_)),
+        _figure(stability_figure.lobes(map_)),
+        _table(tables.best_speeds(map_)),
+    )
+
+
+def _subtitle(cuts: Sequence[CutForce], fit: Coefficients | None, frf: Frf | None) -> str:
+    parts = []
+    cutter = fit.cutter if fit is not None else cuts[0].cutter if cuts else None
+    if cutter is not None:
+        parts.append(f"End mill D {significant(cutter.diameter * 1e3)} mm, {cutter.teeth} teeth")
+    n = len(cuts) or (len(fit.cuts) if fit is not None else 0)
+    parts += [f"{n} cuts" if n > 1 else "1 cut"] if n else []
+    if frf is not None:
+        parts.append(f"impact test {', '.join(frf.inputs)}")
+    return " · ".join(parts)
+
+
+def _verdicts(fit: Coefficients | None, map_: StabilityMap | None, summary: Mapping[str, Any]) -> list[Verdict]:
+    """The answers, most wanted first."""
+    said = [fit_verdict(fit)] if fit is not None else []
+    operating = operating_verdict(map_) if map_ is not None else None
+    said += [operating] if operating else []
+    missed = [entry for entry in summary.get("expect") or () if not entry.get("ok")]
+    if missed:
+        text = ", ".join(str(entry.get("key")) for entry in missed) + ": outside the interval that the recipe states."
+        said.append(Verdict("bad", "✕", "Not what the recipe expects", text))
+    return said
+
+
+def _key_numbers(fit: Coefficients | None, map_: StabilityMap | None) -> list[dict]:
+    """The numbers to take along: what, how much, unit, a word."""
+    numbers = []
+    if fit is not None:
+        p = fit.posterior
+        for name, mean, (low, high) in zip(p.names, p.mean, p.interval, strict=True):
+            known = parameter(name)
+            if name[0] not in "Kkm":
+                continue
+            value = plus_minus(*(float(v) / known.factor for v in (mean, low, high)))
+            numbers.append({"name": name, "value": value, "unit": known.unit.replace("1", "", 1) and known.unit, "word": ""})
+    if map_ is not None:
+        if map_.absolute_minimum < float("inf"):
+            value = significant(map_.absolute_minimum * 1e3)
+            numbers.append({"name": "Stable at every speed", "value": value, "unit": "mm", "word": "axial depth"})
+        for best in map_.best[:1]:
+            depth, share = significant(best.axial_depth * 1e3), best.p_stable
+            word = f"{depth} mm" + (f", stable {percent(share)}" if share is not None else "")
+            speed = fixed(to_shop(best.spindle_speed, "spindle_speed_rpm"), 0)
+            numbers.append({"name": "Best speed", "value": speed, "unit": "rpm", "word": word})
+    return numbers
+
+
+def _warnings(summary: Mapping[str, Any], records: Sequence[Any]) -> list[Notice]:
+    """Every notice once: those of the summary, then those of the records."""
+    told = [
+        Notice(str(w.get("code", "")), str(w.get("message", "")), str(w.get("where", "")))
+        for w in summary.get("warnings") or ()
+    ]
+    told += [notice for record in records if record is not None for notice in record.notices]
+    return list(dict.fromkeys(told))
+
+
+def _provenance(provenance: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Versions and seed; inputs and recipe stand apart."""
+    return [(name, str(value)) for name, value in provenance.items() if name not in ("inputs", "recipe")]

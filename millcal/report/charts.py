@@ -1,0 +1,336 @@
+"""Line charts as inline SVG: panels stacked over one abscissa, drawn with classes that the page's style sheet colours.
+
+The style sheet gives each class its colour for light, dark and paper and its own line style, so one drawing serves all
+three, nothing depends on colour alone, and the text is the page's text. Own code and not a plotting library: a page holds
+some dozens of small charts, and an SVG of a few kB each, the same bytes every time, is all they need.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+from math import log10
+
+import numpy as np
+
+from millcal.report.digits import log_tick_labels, log_ticks, nice_ticks, tick_labels
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A line through points; a gap where a value is not finite."""
+
+    x: np.ndarray  # (point,)
+    y: np.ndarray  # (point,)
+    kind: str  # classes of the style sheet: "measured", "modelled x"
+    label: str = ""  # stands at the right end of the line
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """The area between two lines."""
+
+    x: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    kind: str
+
+
+@dataclass(frozen=True, eq=False)
+class Marks:
+    """Points: dot, ring, square, diamond, cross or dash; labels stand above them."""
+
+    x: np.ndarray
+    y: np.ndarray
+    kind: str
+    shape: str = "dot"
+    labels: Sequence[str] = ()
+    size: float = 3.5
+
+
+@dataclass(frozen=True, eq=False)
+class Whiskers:
+    """Intervals with end strokes: upright at places of the abscissa, or lying at places of the ordinate."""
+
+    at: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    kind: str
+    lying: bool = False
+
+
+@dataclass(frozen=True)
+class Span:
+    """A stretch of the abscissa, shaded over the whole height."""
+
+    start: float
+    stop: float
+    kind: str
+    label: str = ""  # at its top
+
+
+@dataclass(frozen=True)
+class Rule:
+    """A straight line across the panel at one value of an axis."""
+
+    at: float
+    axis: str  # "x": vertical; "y": horizontal
+    kind: str = "rule"
+    label: str = ""
+
+
+@dataclass(frozen=True)
+class Note:
+    """A word at a place of the panel."""
+
+    x: float
+    y: float
+    text: str
+    anchor: str = "middle"
+    kind: str = "note"
+
+
+Item = Line | Band | Marks | Whiskers | Span | Rule | Note
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """One ordinate: what is drawn on it, in order, and its scale."""
+
+    label: str  # quantity and unit; stands above the ordinate
+    items: Sequence[Item]
+    height: float
+    y_range: tuple[float, float]
+    log: bool = False
+    ticks: Sequence[tuple[float, str]] | None = None  # None: round numbers
+    most_ticks: int = 5
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Size and margins of a chart, in the SVG's units."""
+
+    width: float = 900.0
+    left: float = 58.0
+    right: float = 16.0
+    head: float = 26.0  # above a panel, for the ordinate's label
+    foot: float = 42.0  # under the last panel, for ticks and the abscissa's label
+    css: str = "wide"
+
+
+HALF = Frame(width=450.0, left=52.0, right=12.0, head=24.0, foot=38.0, css="half")
+SMALL = Frame(width=320.0, left=44.0, right=10.0, head=22.0, foot=34.0, css="small")
+
+
+class _Scale:
+    """Where a value lies on the drawing."""
+
+    def __init__(self, values: tuple[float, float], pixels: tuple[float, float], log: bool = False):
+        self.log = log
+        low, high = (log10(v) for v in values) if log else values
+        self.factor = (pixels[1] - pixels[0]) / ((high - low) or 1.0)
+        self.offset = pixels[0] - low * self.factor
+
+    def __call__(self, value):
+        if self.log:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                value = np.log10(value)
+        return np.clip(self.offset + np.asarray(value, float) * self.factor, -9e3, 9e3)
+
+
+def span_of(*values: np.ndarray | None, margin: float = 0.06, include: Sequence[float] = ()) -> tuple[float, float]:
+    """A range that holds all finite values and a margin around them."""
+    arrays = [np.ravel(np.asarray(v, float)) for v in values if v is not None]
+    finite = np.concatenate([*arrays, np.asarray(include, float)])
+    finite = finite[np.isfinite(finite)]
+    if not len(finite):
+        return 0.0, 1.0
+    low, high = float(finite.min()), float(finite.max())
+    pad = margin * (high - low) or 0.05 * abs(high) or 1.0
+    return low - pad, high + pad
+
+
+def decades_of(*values: np.ndarray | None) -> tuple[float, float]:
+    """A range for a logarithmic ordinate: holds all positive values, and not more than eight decades."""
+    finite = np.concatenate([np.ravel(np.asarray(v, float)) for v in values if v is not None])
+    finite = finite[np.isfinite(finite) & (finite > 0)]
+    if not len(finite):
+        return 0.1, 10.0
+    high = float(finite.max()) * 1.25
+    return max(float(finite.min()) / 1.25, high * 1e-8), high
+
+
+def thin(x: np.ndarray, y: np.ndarray, most: int) -> np.ndarray:
+    """Indices of at most so many points that keep the lowest and highest of every stretch.   returns (index,) ascending"""
+    n = len(x)
+    if n <= most:
+        return np.arange(n)
+    edges = np.linspace(0, n, most // 2 + 1).astype(int)
+    filled = np.where(np.isfinite(y), y, 0.0)
+    chosen = {0, n - 1}
+    for start, stop in zip(edges[:-1], edges[1:], strict=True):
+        chosen.add(start + int(np.argmin(filled[start:stop])))
+        chosen.add(start + int(np.argmax(filled[start:stop])))
+    return np.array(sorted(chosen))
+
+
+def _number(value: float) -> str:
+    return f"{value:.1f}".removesuffix(".0")
+
+
+def _pairs(x: np.ndarray, y: np.ndarray) -> str:
+    return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x.tolist(), y.tolist(), strict=True))
+
+
+def _runs(*values: np.ndarray) -> list[slice]:
+    """Stretches in which all values are finite."""
+    good = np.all([np.isfinite(v) for v in values], axis=0)
+    steps = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(int), [0]])))
+    return [slice(a, b) for a, b in zip(steps[::2], steps[1::2], strict=True)]
+
+
+def _text(x: float, y: float, text: str, kind: str, anchor: str = "start") -> str:
+    return f'<text class="{kind}" x="{_number(x)}" y="{_number(y)}" text-anchor="{anchor}">{escape(text)}</text>'
+
+
+def _mark(x: float, y: float, shape: str, size: float) -> str:
+    a, b, s = _number(x), _number(y), size
+    if shape in ("dot", "ring"):
+        return f'<circle cx="{a}" cy="{b}" r="{s:g}"/>'
+    if shape == "square":
+        return f'<rect x="{_number(x - s)}" y="{_number(y - s)}" width="{2 * s:g}" height="{2 * s:g}"/>'
+    if shape == "diamond":
+        r = 1.35 * s
+        return f'<path d="M{a},{_number(y - r)}l{r:g},{r:g}l-{r:g},{r:g}l-{r:g},-{r:g}z"/>'
+    if shape == "triangle":
+        r = 1.2 * s
+        return f'<path d="M{a},{_number(y - r)}l{r:g},{2 * r:g}h-{2 * r:g}z"/>'
+    if shape == "cross":
+        return f'<path d="M{_number(x - s)},{_number(y - s)}l{2 * s:g},{2 * s:g}m0,-{2 * s:g}l-{2 * s:g},{2 * s:g}"/>'
+    return f'<path d="M{_number(x - s)},{b}h{2 * s:g}"/>'  # dash
+
+
+def _draw(item: Item, sx: _Scale, sy: _Scale, width: float, height: float) -> list[str]:
+    """The item in the panel's own coordinates; what leaves the panel is cut off by the inner svg."""
+    if isinstance(item, Line):
+        x, y = sx(item.x), sy(item.y)
+        return [f'<polyline class="line {item.kind}" points="{_pairs(x[run], y[run])}"/>' for run in _runs(x, y)]
+    if isinstance(item, Band):
+        x, low, high = sx(item.x), sy(item.low), sy(item.high)
+        parts = []
+        for run in _runs(x, low, high):
+            points = f"{_pairs(x[run], high[run])} {_pairs(x[run][::-1], low[run][::-1])}"
+            parts.append(f'<polygon class="band {item.kind}" points="{points}"/>')
+        return parts
+    if isinstance(item, Span):
+        start, stop = float(sx(item.start)), float(sx(item.stop))
+        start, stop = max(start, 0.0), min(stop, width)
+        if stop <= start:
+            return []
+        area = f'<rect class="span {item.kind}" x="{_number(start)}" y="0" width="{_number(stop - start)}"'
+        parts = [f'{area} height="{_number(height)}"/>']
+        return parts + ([_text((start + stop) / 2, 12, item.label, "note", "middle")] if item.label else [])
+    if isinstance(item, Rule):
+        if item.axis == "y":
+            y = float(sy(item.at))
+            parts = [f'<path class="{item.kind}" d="M0,{_number(y)}h{_number(width)}"/>']
+            return parts + ([_text(width - 4, y - 5, item.label, "note", "end")] if item.label else [])
+        x = float(sx(item.at))
+        parts = [f'<path class="{item.kind}" d="M{_number(x)},0v{_number(height)}"/>']
+        return parts + ([_text(x + 4, 12, item.label, "note")] if item.label else [])
+    if isinstance(item, Note):
+        return [_text(float(sx(item.x)), float(sy(item.y)), item.text, item.kind, item.anchor)]
+    if isinstance(item, Whiskers):
+        along, across = (sx, sy) if item.lying else (sy, sx)
+        at, low, high = across(item.at), along(item.low), along(item.high)
+        good = np.isfinite(at) & np.isfinite(low) & np.isfinite(high)
+        shape = "M{b},{a}H{c}m0,-4v8M{b},{a4}v8" if item.lying else "M{a},{b}V{c}m-3,0h6M{a3},{b}h6"
+        d = "".join(
+            shape.format(a=_number(a), a3=_number(a - 3), a4=_number(a - 4), b=_number(b), c=_number(c))
+            for a, b, c in zip(at[good], low[good], high[good], strict=True)
+        )
+        return [f'<path class="whisker {item.kind}" d="{d}"/>'] if d else []
+    x, y = sx(item.x), sy(item.y)
+    good = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+    shapes = "".join(_mark(float(x[i]), float(y[i]), item.shape, item.size) for i in good)
+    parts = [f'<g class="marks {item.shape} {item.kind}">{shapes}</g>'] if shapes else []
+    for i in good[: len(item.labels)]:
+        text, a = item.labels[i], float(x[i])
+        anchor = "start" if a < 6 * len(text) / 2 else "end" if a > width - 6 * len(text) / 2 else "middle"
+        parts.append(_text(a, float(y[i]) - item.size - 5, text, "note strong", anchor))
+    return parts
+
+
+def _end_labels(lines: Sequence[Line], sx: _Scale, sy: _Scale, height: float, x: float, top: float) -> list[str]:
+    """Labels beside the right ends of the lines, pushed apart where they would overlap."""
+    placed = []
+    for line in lines:
+        good = np.flatnonzero(np.isfinite(line.x) & np.isfinite(sy(line.y)))
+        if line.label and len(good):
+            placed.append([float(np.clip(sy(line.y[good[-1]]), 6, height - 4)), line.label, line.kind])
+    placed.sort(key=lambda entry: entry[0])
+    for before, entry in zip(placed, placed[1:], strict=False):
+        entry[0] = max(entry[0], before[0] + 15)
+    over = placed[-1][0] - (height - 2) if placed else 0.0
+    for entry in reversed(placed):
+        if over <= 0:
+            break
+        entry[0] -= over
+    return [_text(x, top + y + 4, label, f"series {kind}") for y, label, kind in placed]
+
+
+def chart(
+    panels: Sequence[Panel],
+    *,
+    x_label: str,
+    x_range: tuple[float, float],
+    label: str,
+    frame: Frame | None = None,
+    x_ticks: Sequence[tuple[float, str]] | None = None,
+    hover: bool = False,
+) -> str:
+    """The chart as an `<svg>` element.
+
+    label : says what is drawn, for those who do not see it
+    x_ticks : (value, text) of each tick; None: round numbers
+    hover : readable point by point with the mouse and the arrow keys; the page's script needs where the panels lie
+    """
+    frame = frame or Frame()
+    inner = frame.width - frame.left - frame.right
+    sx = _Scale(x_range, (0.0, inner))
+    if x_ticks is None:
+        values = nice_ticks(*x_range, most=9 if frame.width > 600 else 4)
+        x_ticks = list(zip(values, tick_labels(values), strict=True))
+    columns = [(frame.left + float(sx(value)), text) for value, text in x_ticks]
+    parts: list[str] = []
+    top = 0.0
+    for panel in panels:
+        top += frame.head
+        sy = _Scale(panel.y_range, (panel.height, 0.0), panel.log)
+        if panel.ticks is not None:
+            ticks = list(panel.ticks)
+        else:
+            values = (log_ticks if panel.log else nice_ticks)(*panel.y_range, panel.most_ticks)
+            ticks = list(zip(values, (log_tick_labels if panel.log else tick_labels)(values), strict=True))
+        rows = [(top + float(sy(value)), text) for value, text in ticks]
+        grid = "".join(f"M{_number(frame.left)},{_number(y)}h{_number(inner)}" for y, _ in rows)
+        grid += "".join(f"M{_number(x)},{_number(top)}v{_number(panel.height)}" for x, _ in columns)
+        parts.append(f'<path class="grid" d="{grid}"/>')
+        box = f'x="{_number(frame.left)}" y="{_number(top)}" width="{_number(inner)}" height="{_number(panel.height)}"'
+        drawn = [piece for item in panel.items for piece in _draw(item, sx, sy, inner, panel.height)]
+        parts.append(f"<svg {box}>{''.join(drawn)}</svg>")
+        parts.append(f'<path class="axis" d="M{_number(frame.left)},{_number(top + panel.height)}h{_number(inner)}"/>')
+        parts += [_text(frame.left - 6, y + 4, text, "tick", "end") for y, text in rows]
+        parts.append(_text(2, top - 9, panel.label, "label"))
+        lines = [item for item in panel.items if isinstance(item, Line)]
+        parts += _end_labels(lines, sx, sy, panel.height, frame.left + inner + 6, top)
+        top += panel.height
+    parts += [_text(x, top + 16, text, "tick", "middle") for x, text in columns]
+    parts.append(_text(frame.left + inner, top + frame.foot - 7, x_label, "label", "end"))
+    size = f'viewBox="0 0 {_number(frame.width)} {_number(top + frame.foot)}"'
+    reading = ""
+    if hover:
+        reading = (
+            f' tabindex="0" data-x="{x_range[0]:.9g} {x_range[1]:.9g}"'
+            f' data-box="{_number(frame.left)} {_number(frame.head)} {_number(inner)} {_number(top - frame.head)}"'
+        )
+    return f'<svg class="chart {frame.css}" {size} role="img" aria-label="{escape(label)}"{reading}>{"".join(parts)}</svg>'

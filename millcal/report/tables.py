@@ -1,0 +1,299 @@
+"""The tables of the report: what was measured, how good it is, the coefficients, the best speeds."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import degrees, inf, pi
+from pathlib import PurePath
+from typing import Any
+
+from millcal.data import AXES, Coefficients, CutForce, Frf, Modes, StabilityMap
+from millcal.report.digits import UNKNOWN, decimals_for, fixed, plus_minus, significant, with_interval
+from millcal.report.wording import parameter, percent
+from millcal.units import to_shop
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of text under headings; `groups` spans headings, `words` names the columns that hold words, not numbers."""
+
+    title: str
+    headings: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    groups: Sequence[tuple[str, int]] = ()
+    words: Sequence[int] = (0,)
+    note: str = ""
+
+
+def _rpm(speed: float) -> float:
+    return to_shop(speed, "spindle_speed_rpm")
+
+
+def conditions(cuts: Sequence[CutForce], fit: Coefficients | None) -> Table | None:
+    """The conditions of each cut."""
+    if cuts:
+        named = [(cut.name, cut.conditions, cut.cutter.teeth) for cut in cuts]
+    elif fit is not None:
+        named = [(name, c, fit.cutter.teeth) for name, c in zip(fit.cuts, fit.conditions, strict=True)]
+    else:
+        return None
+    rows = [
+        [
+            name,
+            fixed(_rpm(c.spindle_speed), 0),
+            significant(c.feed_per_tooth * 1e3, 4),
+            fixed(_rpm(c.spindle_speed) * teeth * c.feed_per_tooth * 1e3, 0),
+            significant(c.axial_depth * 1e3),
+            significant(c.radial_depth * 1e3),
+            c.direction,
+        ]
+        for name, c, teeth in named
+    ]
+    headings = ("cut", "speed, rpm", "f_z, mm", "feed, mm/min", "a_p, mm", "a_e, mm", "direction")
+    return Table("Cuts", headings, rows, words=(0, 6))
+
+
+def recordings(summary: Mapping[str, Any], provenance: Mapping[str, Any]) -> Table | None:
+    """The files that were read: rate, duration, sensors, and the first digits of their sha256."""
+    inputs: dict[str, str] = dict(provenance.get("inputs") or {})
+    rows = []
+    for entry in summary.get("recordings") or ():
+        path = str(entry.get("path") or entry.get("name") or "")
+        digest = inputs.pop(path, None) or entry.get("sha256") or ""
+        sensors = [
+            f"{c.get('name')} ({c.get('quantity')}, {c.get('unit')}, {c.get('dof')})" for c in entry.get("channels") or ()
+        ]
+        rows.append(
+            [
+                str(entry.get("name") or PurePath(path).name),
+                str(entry.get("kind") or ""),
+                significant(entry.get("sample_rate_hz"), 5),
+                significant(entry.get("duration_s"), 4),
+                ", ".join(sensors),
+                digest[:12],
+            ]
+        )
+    rows += [[PurePath(path).name, "", UNKNOWN, UNKNOWN, "", digest[:12]] for path, digest in inputs.items()]
+    if not rows:
+        return None
+    headings = ["file", "kind", "rate, Hz", "duration, s", "channels", "sha256"]
+    words = [0, 1, 4, 5]
+    empty = [column for column in (1, 2, 3, 4) if all(row[column] in ("", UNKNOWN) for row in rows)]
+    kept = [column for column in range(6) if column not in empty]
+    rows = [[row[column] for column in kept] for row in rows]
+    return Table("Recordings", [headings[c] for c in kept], rows, words=[kept.index(c) for c in words if c in kept])
+
+
+def synchronous(cuts: Sequence[CutForce]) -> Table:
+    """How well each cut follows the spindle."""
+    rows = []
+    for cut in cuts:
+        decimals = decimals_for(60 * cut.spindle_frequency_sd, 60 * cut.spindle_frequency)
+        duration = cut.steady[1] - cut.steady[0]
+        rows.append(
+            [
+                cut.name,
+                fixed(60 * cut.spindle_frequency, min(decimals, 3)),
+                str(cut.revolutions),
+                fixed(duration, 2),
+                significant(cut.sample_rate, 6),
+                *(fixed(100 * float(share), 2) for share in cut.synchronous_share),
+                *(significant(float(rms)) for rms in cut.asynchronous_rms),
+            ]
+        )
+    return Table(
+        "Does the force follow the spindle?",
+        ("cut", "refined, rpm", "revolutions", "steady, s", "rate, Hz", *AXES, *AXES),
+        rows,
+        groups=(("", 5), ("share of the AC power, %", 3), ("rest, N rms", 3)),
+        note="The rest is what no harmonic of the spindle explains: chatter, drift, other machines, noise.",
+    )
+
+
+def removed(cuts: Sequence[CutForce]) -> Table:
+    """What conditioning took away from each cut."""
+    rows = [
+        [
+            cut.name,
+            f"{fixed(sum(stop - start for start, stop in cut.air), 2)} s" if cut.air else "none",
+            *(fixed(float(value), 2) for value in cut.removed_offset),
+            *(fixed(float(value), 2) for value in cut.removed_drift),
+            f"{significant(cut.lowpass, 4)} Hz" if cut.lowpass else "none",
+            "pulse" if cut.phase_from_pulse else "fitted",
+        ]
+        for cut in cuts
+    ]
+    without = any(not cut.air for cut in cuts)
+    return Table(
+        "What was removed before the fit",
+        ("cut", "air cut", *AXES, *AXES, "low-pass", "tooth phase"),
+        rows,
+        groups=(("", 2), ("offset, N", 3), ("drift, N/s", 3), ("", 2)),
+        words=(0, 1, 8, 9),
+        note="Where there is no air cut, the edge coefficients absorb the sensor's offset." if without else "",
+    )
+
+
+def peaks(cuts: Sequence[CutForce]) -> Table | None:
+    """Lines of the spectrum that are no harmonics of the spindle."""
+    rows = [
+        [cut.name, peak.axis, fixed(peak.frequency, 1), significant(peak.amplitude), fixed(peak.exceeds, 1)]
+        for cut in cuts
+        for peak in cut.peaks
+    ]
+    headings = ("cut", "axis", "frequency, Hz", "amplitude, N", "times its surroundings")
+    note = "A line that is no harmonic may be chatter, a resonance rung by every tooth, or mains."
+    return Table("Lines that are no harmonics of the spindle", headings, rows, words=(0, 1), note=note) if rows else None
+
+
+def hits(frf: Frf) -> Table | None:
+    """Every hit of the hammer and what was found about it."""
+    rows = [
+        [
+            hit.recording,
+            str(hit.index),
+            fixed(hit.onset, 3),
+            significant(hit.peak, 4),
+            "✓ used" if hit.accepted else "✕ left out",
+            ", ".join(hit.reasons),
+        ]
+        for hit in frf.hits
+    ]
+    headings = ("recording", "hit", "at, s", "peak, N", "", "why")
+    used = sum(hit.accepted for hit in frf.hits)
+    note = f"{used} of {len(rows)} hits used."
+    return Table("Hits of the impact test", headings, rows, words=(0, 4, 5), note=note) if rows else None
+
+
+def modes(found: Modes) -> Table:
+    """The modes that the stability map stands on."""
+    rows = [
+        [axis, significant(float(f), 4), fixed(100 * float(z), 2), significant(float(k) / 1e6)]
+        for axis, f, z, k in zip(found.axes, found.natural_frequency, found.damping_ratio, found.stiffness, strict=True)
+    ]
+    return Table("Modes of the structure", ("axis", "f_n, Hz", "ζ, %", "k, N/µm"), rows)
+
+
+def coefficients(fit: Coefficients) -> Table:
+    """Every parameter with its interval and spread."""
+    posterior = fit.posterior
+    rows = []
+    for index, name in enumerate(posterior.names):
+        known = parameter(name)
+        value, low, high = (
+            float(v) / known.factor for v in (posterior.mean[index], *posterior.interval[index])
+        )
+        sd = float(max(posterior.covariance[index, index], 0.0) ** 0.5) / known.factor
+        centre, lowest, highest = with_interval(value, low, high)
+        doubt = "not told from zero" if low < 0 < high else ""
+        meaning = f"{known.meaning}; {doubt}" if doubt and known.meaning else known.meaning or doubt
+        rows.append([name, centre, f"{lowest} to {highest}", significant(sd, 2), known.unit, meaning])
+    headings = ("", "value", "95 % interval", "sd", "unit", "what it is")
+    return Table("", headings, rows, words=(0, 4, 5))
+
+
+def alternatives(fit: Coefficients) -> Table | None:
+    """What other models say, in the units of the table above."""
+    if not fit.alternatives:
+        return None
+    adopted = [(name, float(v)) for name, v in zip(fit.posterior.names, fit.posterior.mean, strict=True)]
+    models = [(f"{fit.posterior.method} (this report)", dict(adopted))]
+    models += [(name, dict(pairs)) for name, pairs in fit.alternatives]
+    keys = list(dict.fromkeys(key for _, values in models for key in values))
+    headings = [""]
+    for key in keys:
+        known = parameter(key)
+        headings.append(f"{known.name}, {known.unit}" if known.unit not in ("", "1") else known.name)
+    rows = []
+    for name, values in models:
+        row = [name]
+        for key in keys:
+            value = values.get(key)
+            row.append(UNKNOWN if value is None else significant(value / parameter(key).factor))
+        rows.append(row)
+    return Table("Other models on the same cuts", headings, rows)
+
+
+def agreement(fit: Coefficients) -> Table:
+    """How far the model is from the force, per axis."""
+    rows = [["R²", *(fixed(float(v), 4) for v in fit.r2)]]
+    rows.append(["residual, N rms", *(significant(float(v)) for v in fit.residual_rms)])
+    low, high = fit.band
+    band = f"harmonics {low} to {high}" if high else "band of the fit"
+    for values, words in (
+        (fit.in_sample, f"residual / AC rms, {band}"),
+        (fit.left_out, f"the same on cuts left out, {band}"),
+        (fit.in_sample_wide, "residual / AC rms, all saved harmonics"),
+        (fit.left_out_wide, "the same on cuts left out, all saved harmonics"),
+    ):
+        if values is not None:
+            rows.append([words, *(fixed(float(v), 3) for v in values)])
+    return Table("How close the model comes", ("", *(f"F{axis}" for axis in AXES)), rows)
+
+
+def left_out(fit: Coefficients) -> Table | None:
+    """Each cut predicted from the others."""
+    if fit.left_out_by_cut is None:
+        return None
+    rows = [
+        [name, significant(float(feed) * 1e3, 4), *(fixed(float(v), 3) for v in ratios)]
+        for name, feed, ratios in zip(fit.cuts, fit.feed_per_tooth, fit.left_out_by_cut, strict=True)
+    ]
+    note = "Residual over AC rms when the cut is predicted from the others; below 0.15 is good, 1 is no better than the mean."
+    headings = ("cut", "f_z, mm", *(f"F{axis}" for axis in AXES))
+    return Table("Each cut predicted from the others", headings, rows, note=note)
+
+
+def best_speeds(map_: StabilityMap) -> Table | None:
+    """The speeds worth running, best first."""
+    rows = [
+        [
+            str(number),
+            fixed(_rpm(best.spindle_speed), 0),
+            fixed(best.axial_depth * 1e3, 2),
+            significant(to_shop(best.removal_rate, "removal_rate_cm3_per_min")),
+            percent(best.p_stable),
+        ]
+        for number, best in enumerate(map_.best, 1)
+    ]
+    headings = ("", "speed, rpm", "a_p, mm", "removal rate, cm³/min", "stable with probability")
+    note = "" if any(best.p_stable is not None for best in map_.best) else "No band is known, so no probability."
+    return Table("Best speeds", headings, rows, note=note) if rows else None
+
+
+def map_facts(map_: StabilityMap) -> list[tuple[str, str]]:
+    """What the map was made for, as pairs of what and how much."""
+    width = "slot" if map_.direction == "slot" else f"{significant(map_.radial_depth * 1e3)} mm, {map_.direction} milling"
+    smallest = "none found" if map_.absolute_minimum == inf else f"{significant(map_.absolute_minimum * 1e3)} mm"
+    facts = [
+        ("method", {"zoa": "zero-order"}.get(map_.method, map_.method)),
+        ("cutter", f"D {significant(map_.diameter * 1e3)} mm, {map_.teeth} teeth"),
+        ("radial depth", width),
+        ("smallest limit", f"{smallest}, chatter at {significant(map_.absolute_minimum_frequency, 4)} Hz"),
+    ]
+    if map_.operating_point is not None:
+        speed, depth = map_.operating_point
+        facts.append(("operating point", f"{fixed(_rpm(speed), 0)} rpm, {significant(depth * 1e3)} mm"))
+        if map_.operating_p_stable is not None:
+            facts.append(("stable there with", percent(map_.operating_p_stable)))
+    return facts
+
+
+def expected(summary: Mapping[str, Any]) -> Table | None:
+    """What the recipe expects, and whether it came true."""
+    rows = []
+    for entry in summary.get("expect") or ():
+        wanted = entry.get("interval") or (None, None)  # an interval, or how a text begins
+        if not isinstance(wanted, str):
+            wanted = f"{significant(wanted[0], 6)} to {significant(wanted[1], 6)}"
+        value = entry.get("value")
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        rows.append(
+            [
+                str(entry.get("key", "")),
+                significant(value, 6) if number else str(value) if value is not None else UNKNOWN,
+                wanted,
+                "✓ yes" if entry.get("ok") else "✕ no",
+            ]
+        )
+    headings = ("key", "value", "expected", "inside")
+    return Table("What the recipe expects", headings, rows, words=(0, 3)) if rows else None

@@ -1,0 +1,149 @@
+"""What the report calls things: parameters with their units, conditions of a cut, and verdicts in plain words."""
+
+from dataclasses import dataclass
+from math import degrees
+
+from millcal.data import Coefficients, Cutter, CuttingConditions, StabilityMap
+from millcal.report.digits import fixed, significant
+from millcal.units import to_shop
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """How a parameter of a fit is shown."""
+
+    name: str
+    meaning: str
+    unit: str  # on the shop floor
+    factor: float  # SI value of that unit
+
+
+_SIDES = {"t": "tangential", "r": "radial", "a": "axial"}
+_RUNOUT = {
+    "c0": "runout: half of how much one tooth stands out, at mid depth",
+    "s0": "runout: across c0, at mid depth",
+    "t0": "taper of the runout over the depth",
+    "rho": "runout: distance of the cutter's axis from the spindle's",
+}
+_WORDS = {  # of other entries, as far as a stage gives them
+    "sse": ("SSE", "sum of squared residuals", "N²", 1.0),
+    "sse_ratio": ("SSE ratio", "sum of squared residuals against the adopted model", "", 1.0),
+}
+
+
+def parameter(name: str) -> Parameter:
+    """The parameter of this name; a name that is not known stays as it is, in SI."""
+    if len(name) == 3 and name[0] == "K" and name[1] in _SIDES:
+        if name[2] == "c":
+            return Parameter(name, f"{_SIDES[name[1]]} force per area of chip", "N/mm²", 1e6)
+        return Parameter(name, f"{_SIDES[name[1]]} force per length of edge", "N/mm", 1e3)
+    if len(name) == 2 and name[1] in _SIDES and name[0] in "km":
+        if name[0] == "k":
+            return Parameter(name, f"{_SIDES[name[1]]} force on a chip of 1 mm × 1 mm, per mm²", "N/mm²", 1e6)
+        return Parameter(name, f"{_SIDES[name[1]]} exponent: the force grows as h^(1−m)", "1", 1.0)
+    if name in _RUNOUT:
+        return Parameter(name, _RUNOUT[name], "µm", 1e-6)
+    if name in _WORDS:
+        return Parameter(*_WORDS[name])
+    return Parameter(name, "", "", 1.0)
+
+
+DIRECTIONS = {"up": "up milling", "down": "down milling", "slot": "slot"}
+
+
+def conditions_in_words(c: CuttingConditions) -> str:
+    """The conditions of a cut in one line, shop-floor units."""
+    width = "slot" if c.direction == "slot" else f"a_e {significant(c.radial_depth * 1e3)} mm {c.direction}"
+    return (
+        f"{to_shop(c.spindle_speed, 'spindle_speed_rpm'):.0f} rpm, f_z {significant(c.feed_per_tooth * 1e3)} mm, "
+        f"a_p {significant(c.axial_depth * 1e3)} mm, {width}"
+    )
+
+
+def cutter_in_words(cutter: Cutter) -> list[tuple[str, str]]:
+    """The cutter as pairs of what and how much."""
+    facts = [
+        ("diameter", f"{significant(cutter.diameter * 1e3, 4)} mm"),
+        ("teeth", str(cutter.teeth)),
+        ("helix", f"{fixed(degrees(cutter.helix), 1)}°"),
+    ]
+    if cutter.pitch is not None:
+        facts.append(("pitch", ", ".join(f"{fixed(degrees(pitch), 1)}°" for pitch in cutter.pitch)))
+    if cutter.runout:
+        facts.append(("runout", f"{significant(cutter.runout * 1e6)} µm at {fixed(degrees(cutter.runout_angle), 0)}°"))
+    return facts
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The answer in plain words: a level for colour and sign, a headline and what stands behind it."""
+
+    level: str  # good, part, bad, none
+    sign: str
+    head: str
+    text: str
+
+
+_SIGNS = {"good": "✓", "part": "!", "bad": "✕", "none": "i"}
+
+
+def _said(level: str, head: str, text: str) -> Verdict:
+    return Verdict(level, _SIGNS[level], head, text)
+
+
+def fit_verdict(fit: Coefficients) -> Verdict:
+    """What the verdict of the fit means for the one who wants to use the coefficients."""
+    word, _, why = (part.strip() for part in fit.verdict.partition(":"))
+    n = len(fit.cuts)
+    cuts = f"{n} cut" if n == 1 else f"{n} cuts"
+    if word.startswith("does not fit"):
+        text = why or "; ".join(check.message for check in fit.checks if not check.passed)
+        head = f"The force model does not fit the {cuts}"
+        return _said("bad", head, _sentence(text) + " Do not use the coefficients as material constants.")
+    if word.startswith("fits in part"):
+        head = f"The force model fits the {cuts} in part"
+        return _said("part", head, _sentence(why) + " Take the coefficients as provisional.")
+    if word.startswith("fits"):
+        return _said("good", f"The force model fits the {cuts}", _sentence(why))
+    return _said("none", _sentence(fit.verdict).rstrip("."), "")
+
+
+def operating_verdict(map_: StabilityMap) -> Verdict | None:
+    """Whether the cut that the recipe names is stable; None where it names none or the map does not reach there."""
+    if map_.operating_point is None:
+        return None
+    speed, depth = map_.operating_point
+    place = f"{to_shop(speed, 'spindle_speed_rpm'):.0f} rpm and {significant(depth * 1e3)} mm"
+    p = map_.operating_p_stable
+    if p is not None:
+        share = f"probability of a stable cut {percent(p)}"
+        if p >= 0.95:
+            return _said("good", f"Stable at {place}", share)
+        if p <= 0.05:
+            return _said("bad", f"Chatter at {place}", share)
+        return _said("part", f"On the edge at {place}", share)
+    if not map_.spindle_speed[0] <= speed <= map_.spindle_speed[-1]:
+        return None
+    nearest = int(abs(map_.spindle_speed - speed).argmin())
+    limit = float(map_.limit_depth[nearest])
+    if depth < limit:
+        return _said("good", f"Stable at {place}", f"the limit there is {significant(limit * 1e3)} mm; no band is known")
+    return _said("bad", f"Chatter at {place}", f"the limit there is {significant(limit * 1e3)} mm; no band is known")
+
+
+def percent(share: float | None) -> str:
+    """A probability in per cent, never rounded to certainty.
+
+    >>> percent(0.954), percent(0.9999), percent(0.0001), percent(None)
+    ('95 %', '> 99 %', '< 1 %', '–')
+    """
+    if share is None or share != share:
+        return "–"
+    if share > 0.995:
+        return "> 99 %"
+    return "< 1 %" if share < 0.005 else f"{100 * share:.0f} %"
+
+
+def _sentence(text: str) -> str:
+    text = text.strip()
+    return text if not text or text[-1] in ".!?" else text + "."
