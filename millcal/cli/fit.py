@@ -16,7 +16,7 @@ def fit(
         Path | None, typer.Option("--depfile", help="Write a rule for make: on which files the result depends.")
     ] = None,
     seed: Annotated[
-        int | None, typer.Option("--seed", help="Seed of everything random; default: the recipe's.")
+        int | None, typer.Option("--seed", min=0, help="Seed of everything random; default: the recipe's.")
     ] = None,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -55,12 +55,12 @@ def fit(
 
 def _text(title: str, found: Any, report: Path) -> str:
     """The readable result, which ends with the path of the report."""
-    from millcal.io.summaries import text_of
+    from millcal.io.readable import brief_of
 
-    parts = [title]
-    if "frf" in found.results:  # its head; the hits are in the report
-        parts.append(text_of(found.results["frf"]).split("\nrecording", 1)[0])
-    parts += [text_of(found.results[name]) for name in ("coefficients", "stability") if name in found.results]
+    parts = [
+        title,
+        *(brief_of(found.results[name]) for name in ("frf", "coefficients", "stability") if name in found.results),
+    ]
     if found.summary["expect"]:
         lines = [
             f"{'met   ' if e['ok'] else 'MISSED'}  {e['key']} = {_number(e['value'])}, expected {_interval(e['interval'])}"
@@ -82,8 +82,8 @@ def _miss(plan: Any, entry: dict[str, Any]) -> str:
 
 
 def _number(value: Any) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else "unknown" if value is None else str(value)
+    return f"{value:.7g}" if isinstance(value, float) else "unknown" if value is None else str(value)
 
 
 def _interval(wanted: Any) -> str:
-    return f"'{wanted}...'" if isinstance(wanted, str) else f"within {wanted[0]:g} .. {wanted[1]:g}"
+    return f"'{wanted}...'" if isinstance(wanted, str) else f"within {wanted[0]:.7g} .. {wanted[1]:.7g}"

@@ -64,8 +64,9 @@ def stability(
     import numpy as np
 
     from millcal.io.provenance import provenance
+    from millcal.io.readable import text_of
     from millcal.io.results import write_result
-    from millcal.io.summaries import summarise, text_of
+    from millcal.io.summaries import summarise
     from millcal.stages.stability import map_stability
     from millcal.units import from_shop
 

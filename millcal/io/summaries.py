@@ -1,9 +1,9 @@
-"""What a result says to a script and to a reader: the JSON `result` of each record, and a short table of the same.
+"""What a result says to a script: the JSON `result` of each record (`readable` is the same for a reader).
 
 Numbers carry their shop unit in the key; what cannot be known is null (None here).
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from math import isfinite
 from typing import Any
 
@@ -24,11 +24,6 @@ _SHOP = {  # SI unit of a parameter -> its unit on the shop floor: as the key sa
 def summarise(record: Record) -> dict[str, Any]:
     """The JSON `result` of a record: recording, cut, FRF, modes, coefficients or stability map."""
     return _SUMMARIES[type(record)](record)
-
-
-def text_of(record: Record) -> str:
-    """A short readable table of the same."""
-    return _TEXTS[type(record)](record)
 
 
 def value_at(summary: Mapping[str, Any], path: str) -> Any:
@@ -158,6 +153,37 @@ def _posterior(posterior: Posterior) -> dict[str, Any]:
     return told
 
 
+def _offset_of_the_cutter(fit: Coefficients) -> dict[str, Any]:
+    """rho and lambda of a parallel offset from c0 and s0, which are its parts in x and y at mid depth.
+
+    Intervals to first order, with the quantile of c0's own. Nothing where the depths differ or s0 is not seen.
+    """
+    names, depths = fit.posterior.names, {conditions.axial_depth for conditions in fit.conditions}
+    if not {"c0", "s0"} <= set(names) or len(depths) > 1:
+        return {}
+    at = [names.index("c0"), names.index("s0")]
+    c0, s0 = fit.posterior.mean[at]
+    rho = np.hypot(c0, s0)
+    if rho == 0:
+        return {}
+    lag = float(fit.cutter.helix_lag(depths.pop() / 2))  # lambda is counted at the bottom
+    turn = (np.arctan2(s0, c0) - lag + np.pi) % (2 * np.pi) - np.pi
+    slopes = np.array([[c0, s0], [-s0 / rho, c0 / rho]]) / rho
+    spread = np.sqrt(np.diag(slopes @ fit.posterior.covariance[np.ix_(at, at)] @ slopes.T))
+    own = np.sqrt(fit.posterior.covariance[at[0], at[0]])
+    width = np.ptp(fit.posterior.interval[at[0]]) / 2
+    quantile = width / own if own > 0 else np.nan
+    return {
+        key: {
+            "value": _shop(value, key),
+            "unit": unit,
+            "sd": _shop(sd, key),
+            "ci95": [_shop(value - quantile * sd, key), _shop(value + quantile * sd, key)],
+        }
+        for key, unit, value, sd in (("rho_um", "um", rho, spread[0]), ("lambda_deg", "deg", turn, spread[1]))
+    }
+
+
 def _coefficients(fit: Coefficients) -> dict[str, Any]:
     cuts = [
         {
@@ -173,7 +199,7 @@ def _coefficients(fit: Coefficients) -> dict[str, Any]:
     return {
         "method": fit.posterior.method,
         "law": fit.posterior.law,
-        "coefficients": _posterior(fit.posterior),
+        "coefficients": {**_posterior(fit.posterior), **_offset_of_the_cutter(fit)},
         "verdict": fit.verdict,
         "checks": [{"name": c.name, "passed": c.passed, "message": c.message} for c in fit.checks],
         "r2": _by_axis(fit.r2),
@@ -248,158 +274,4 @@ _SUMMARIES: dict[type, Callable[[Any], dict[str, Any]]] = {
     Modes: _modes,
     Coefficients: _coefficients,
     StabilityMap: _stability,
-}
-
-
-def table(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """Rows under a header, columns two blanks apart; numbers to the right, texts to the left."""
-    shown = [[_cell(item) for item in row] for row in rows]
-    numeric = [all(_is_number(row[i]) for row in shown) for i in range(len(header))]
-    widths = [max([len(name), *(len(row[i]) for row in shown)]) for i, name in enumerate(header)]
-    lines = [
-        "  ".join(
-            cell.rjust(width) if right else cell.ljust(width)
-            for cell, width, right in zip(line, widths, numeric, strict=True)
-        )
-        for line in [list(header), *shown]
-    ]
-    return "\n".join(line.rstrip() for line in lines)
-
-
-def _cell(item: Any) -> str:
-    """Four digits are enough to read; a dash is what is not known."""
-    if item is None or (isinstance(item, float) and not isfinite(item)):
-        return "-"
-    if isinstance(item, float):
-        return f"{item:.0f}" if abs(item) >= 1e3 else f"{item:.4g}"
-    return str(item)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return text == "-"
-    return True
-
-
-def _recording_text(recording: Recording) -> str:
-    s = _recording(recording)
-    head = f"{s['name']}: {s['kind']}, {s['samples']} samples at {s['sample_rate_hz']:g} Hz, {s['duration_s']:.4g} s"
-    return f"{head}\n" + table(("channel", "quantity", "unit", "dof"), [tuple(c.values()) for c in s["channels"]])
-
-
-def _cut_force_text(cut: CutForce) -> str:
-    s = _cut_force(cut)
-    head = f"{s['name']}: {s['spindle_speed_rpm']:.3f} rpm, {s['revolutions']} whole revolutions"
-    keys = ("mean_N", "ac_rms_N", "asynchronous_rms_N", "removed_offset_N", "removed_drift_N_per_s")
-    names = ("axis", "mean N", "AC rms N", "asynchronous N", "removed offset N", "drift N/s")
-    return f"{head}\n" + table(names, [(axis, *(s[key][axis] for key in keys)) for axis in AXES])
-
-
-def _frf_text(frf: Frf) -> str:
-    s = _frf(frf)
-    low, high, lines = s["frequency_hz"]
-    used = sum(hit.accepted for hit in frf.hits)
-    coherence = s["coherence_median"]
-    head = [
-        f"{s['form']} by {s['estimator']}: {' '.join(frf.outputs)} over {' '.join(frf.inputs)}, "
-        f"{lines} lines from {low:g} to {high:g} Hz",
-        f"usable from {_cell(s['usable_band_hz'][0])} to {_cell(s['usable_band_hz'][1])} Hz, "
-        f"median coherence there {_cell(coherence)}",
-    ]
-    if not frf.hits:
-        return "\n".join(head)
-    rows = [
-        (
-            hit.recording,
-            hit.index,
-            hit.onset,
-            hit.peak,
-            "used" if hit.accepted else ", ".join(hit.reasons) or "left out",
-        )
-        for hit in frf.hits
-    ]
-    hits = table(("recording", "hit", "onset s", "peak N", ""), rows)
-    return "\n".join([*head, f"{used} of {len(frf.hits)} hits used", hits])
-
-
-def _modes_text(modes: Modes) -> str:
-    rows = [tuple(mode.values()) for mode in _modes(modes)["modes"]]
-    return table(("axis", "fn Hz", "zeta", "k N/m", "m kg", "c Ns/m"), rows)
-
-
-def _coefficients_text(fit: Coefficients) -> str:
-    s = _coefficients(fit)
-    rows = [(name, c["value"], *c["ci95"], c["unit"]) for name, c in s["coefficients"].items()]
-    lines = [
-        f"{s['law']} law by {s['method']} from {len(fit.cuts)} cuts",
-        table(("", "value", "95 % from", "to", "unit"), rows),
-        "",
-    ]
-    quality = [
-        ("R2", "r2"),
-        ("residual rms N", "residual_rms_N"),
-        ("residual/AC, fitted", "in_sample"),
-        ("left out", "left_out"),
-    ]
-    known = [(name, *s[key].values()) for name, key in quality if s[key] is not None]
-    lines += [table(("", *AXES), known), "", f"verdict: {fit.verdict}"]
-    lines += [f"  failed: {check.name}: {check.message}" for check in fit.checks if not check.passed]
-    return "\n".join(lines)
-
-
-def _stability_text(found: StabilityMap) -> str:
-    s = _stability(found)
-    minimum = s["minimum"]
-    lines = [
-        f"{s['method']}, {found.teeth} teeth, {found.direction}, radial depth {s['radial_depth_mm']:.4g} mm: "
-        f"stable at any speed below {_cell(minimum['ap_mm'])} mm"
-    ]
-    banded = found.limit_low is not None
-    rows = []
-    for i in _round_speeds(np.array([entry["rpm"] for entry in s["limit"]])):
-        entry = s["limit"][i]
-        first = entry["crossings"][0] if entry["crossings"] else dict.fromkeys(("ap_mm", "chatter_hz", "lobe"))
-        interval = [_interval(first.get("ap_mm_ci95"))] if banded else []
-        rows.append((round(entry["rpm"]), first["ap_mm"], *interval, first["chatter_hz"], first["lobe"]))
-    lines.append(table(("rpm", "limit mm", *(["95 %"] if banded else []), "chatter Hz", "lobe"), rows))
-    if s["best"]:
-        lines.append("best speeds, the most material first:")
-        keys = ("ap_mm", "mrr_cm3_per_min", "p_stable", "safe_ap_mm")[: 4 if banded else 2]
-        rows = [(round(b["rpm"]), *(b[key] for key in keys)) for b in s["best"]]
-        lines.append(table(("rpm", "limit mm", "cm3/min", "p stable", "safe mm")[: len(keys) + 1], rows))
-    else:
-        lines.append("no pocket between lobes in this range of speeds")
-    if s["operating_point"] is not None:
-        p = s["operating_point"]
-        stable = "" if p["p_stable"] is None else f", stable with probability {p['p_stable']:.3g}"
-        limit = f"limit {_cell(p['limit_ap_mm'])} mm"
-        if p["limit_ap_mm_ci95"] is not None:
-            limit += f" ({_interval(p['limit_ap_mm_ci95'])})"
-        lines.append(f"operating point {p['rpm']:.0f} rpm, {p['ap_mm']:.4g} mm: {limit}{stable}")
-    return "\n".join(lines)
-
-
-def _round_speeds(rpm: np.ndarray) -> list[int]:
-    """Indices of the speeds of a map nearest to round ones, about a dozen of them."""
-    span = float(rpm[-1] - rpm[0])
-    steps = [mantissa * 10.0**power for power in range(-1, 6) for mantissa in (1, 2, 5)]
-    step = next(step for step in steps if span / step <= 14)
-    first = int(np.ceil(rpm[0] / step - 1e-9))
-    wanted = step * np.arange(first, int(np.floor(rpm[-1] / step + 1e-9)) + 1)
-    return list(dict.fromkeys(int(np.argmin(np.abs(rpm - speed))) for speed in wanted))
-
-
-def _interval(bounds: Sequence[float | None] | None) -> str:
-    return "-" if bounds is None else " to ".join(_cell(bound) for bound in bounds)
-
-
-_TEXTS: dict[type, Callable[[Any], str]] = {
-    Recording: _recording_text,
-    CutForce: _cut_force_text,
-    Frf: _frf_text,
-    Modes: _modes_text,
-    Coefficients: _coefficients_text,
-    StabilityMap: _stability_text,
 }

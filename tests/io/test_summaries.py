@@ -1,12 +1,14 @@
 """A record's JSON holds what the contract promises, in shop units, with null for what is not known."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from millcal.data import BestSpeed, Channel, Posterior, Recording, StabilityMap
-from millcal.io.summaries import summarise, table, text_of, value_at
+from millcal.io.readable import brief_of, table, text_of
+from millcal.io.summaries import summarise, value_at
 
 
 def finite(value):
@@ -19,6 +21,7 @@ def test_a_summary_is_json_without_nan_and_a_text_has_no_nan_either(record):
     assert finite(summarise(record))
     assert "nan" not in text_of(record)
     assert text_of(record) == text_of(record).rstrip()
+    assert len(brief_of(record)) <= len(text_of(record))
 
 
 def test_coefficients_are_told_by_name_with_value_unit_sd_and_interval(make_record):
@@ -47,6 +50,25 @@ def test_the_names_of_runout_carry_their_unit_and_exponents_none():
     assert told["c0_um"]["value"] == pytest.approx(11.0)
     assert told["c0_um"]["sd"] == pytest.approx(1.0)
     assert told["Kte"]["value"] == pytest.approx(20.0)
+
+
+def test_a_parallel_offset_seen_in_full_is_told_as_rho_and_lambda_at_the_bottom(make_record):
+    """c0 + j s0 = rho exp(j (lambda + kappa)) at mid depth, kappa = (a_p / 2) tan(helix) / R."""
+    fit = make_record("coefficients")
+    kappa = float(fit.cutter.helix_lag(1.5e-3))
+    c0, s0 = 5e-6 * np.cos(np.radians(110) + kappa), 5e-6 * np.sin(np.radians(110) + kappa)
+    posterior = Posterior(
+        names=("Ktc", "c0", "s0"), units=("N/m^2", "m", "m"), mean=np.array([9e8, c0, s0]),
+        covariance=np.diag([1e12, 1e-14, 1e-14]),
+        interval=np.array([[8e8, 1e9], [c0 - 3e-7, c0 + 3e-7], [s0 - 3e-7, s0 + 3e-7]]), law="linear-edge",
+        method="nls",
+    )  # fmt: skip
+    told = summarise(replace(fit, posterior=posterior))["coefficients"]
+    assert told["rho_um"]["value"] == pytest.approx(5.0)
+    assert told["rho_um"]["sd"] == pytest.approx(0.1)
+    assert told["rho_um"]["ci95"] == pytest.approx([4.7, 5.3])
+    assert told["lambda_deg"]["value"] == pytest.approx(110.0)
+    assert told["lambda_deg"]["sd"] == pytest.approx(np.degrees(0.1 / 5))
 
 
 def test_a_map_lists_the_crossings_of_each_speed_and_none_where_there_is_no_limit():
