@@ -121,7 +121,12 @@ def map_stability(
         absolute_minimum=(minimum := tip.minimum(nominal))[0],
         absolute_minimum_frequency=minimum[1],
         best=tuple(best[:POCKETS]),
-        notices=(*notices, *tip.notices, *_band_notices(tip, nominal, limit.depth), *_feed_notices(feed_per_tooth)),
+        notices=(
+            *notices,
+            *tip.notices,
+            *_band_notices(tip, speeds, nominal, limit.depth),
+            *_feed_notices(feed_per_tooth),
+        ),
     )
     progress(1.0, "limit")
     if operating_point is None:
@@ -264,23 +269,27 @@ def _geometry_notices(pitch: Sequence[float] | None, teeth: int, swept: float) -
     return notices
 
 
-def _band_notices(tip: Tip, nominal: np.ndarray, depth: np.ndarray) -> list[Notice]:
+def _band_notices(tip: Tip, speeds: np.ndarray, nominal: np.ndarray, depth: np.ndarray) -> list[Notice]:
     """Where the usable band of the FRF may hide a lower limit."""
-    if tip.band is None or tip.edge_depth is None:
-        return []
-    low, high = tip.band
+    notices = []
+    if tip.band is None:
+        return notices
+    band = f"{tip.band[0]:.0f} to {tip.band[1]:.0f} Hz, the usable band of the FRF"
     none = int(np.count_nonzero(np.isinf(depth)))
-    highest = np.max(depth[np.isfinite(depth)], initial=0.0)
-    if not none and tip.edge_depth(nominal) > highest:
-        return []
-    gap = f" {none} of {len(depth)} speeds have none there." if none else ""
-    return [
-        Notice(
-            "band-limited",
-            f"limits count chatter from {low:.0f} to {high:.0f} Hz only, the usable band of the FRF, and the structure is "
-            f"still soft at its ends: what chatters outside is not shown.{gap}",
-        )
-    ]
+    if none:
+        what = f"{none} of {len(depth)} speeds have no chatter frequency from {band}; what limits them is not shown"
+        notices.append(Notice("band-limited", what))
+    if tip.beyond is not None:
+        beyond = tip.beyond(speeds, nominal)
+        lower = (beyond.depth < 0.95 * depth) & (beyond.frequency > tip.band[1])
+        if lower.any():
+            at = np.median(beyond.frequency[lower])
+            what = (
+                f"limits count chatter from {band}; lines above it, if they can be trusted, lower the limit at "
+                f"{np.count_nonzero(lower)} of {len(depth)} speeds, by chatter about {at:.0f} Hz; hit with a harder tip"
+            )
+            notices.append(Notice("band-limited", what))
+    return notices
 
 
 def _feed_notices(feed_per_tooth: float | None) -> list[Notice]:

@@ -7,6 +7,7 @@ receptance with the wrong sign still gives a map, only of another machine.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,7 +32,7 @@ class Tip:
     notices: tuple[Notice, ...] = ()
     inverse_sd: Callable[[np.ndarray, np.ndarray, Limit], np.ndarray] | None = None  # of 1/b, if the FRF has a variance
     band: tuple[float, float] | None = None  # Hz, of the lines
-    edge_depth: Callable[[np.ndarray], float] | None = None  # cutting matrix -> lowest depth at the ends of the band
+    beyond: Solver | None = None  # with the lines above the band, which are not to be trusted
 
 
 def zero_order_tip(dynamics: Frf | Modes, speeds: np.ndarray, teeth: int, rigid: str) -> Tip:
@@ -64,76 +65,84 @@ def _of_modes(record: Modes, speeds: np.ndarray, teeth: int, rigid: str) -> Tip:
 
 
 def _of_lines(frf: Frf, teeth: int, rigid: str) -> Tip:
-    frequency, values, variance, notices = tip_receptance(frf, rigid)
-    tip = zero_order.dynamics_of_lines(frequency, values)
-    spacing = float(np.median(np.diff(frequency)))
+    point, places = _driving_points(frf)
+    notices = _missing_axes(set(places), rigid, f"frf {point}")
+    lines = tip_receptance(frf, frf.usable_band)
+    if lines.count < FEWEST_LINES:
+        low, high = frf.usable_band
+        raise IllPosedError(
+            f"frf {point}: {lines.count} lines between {low:g} and {high:g} Hz, the usable band; measure again with a "
+            "harder tip or more hits"
+        )
+    notices += [*lines.notices, *_absorbs_power(lines, sorted(places), point)]
+    tip = zero_order.dynamics_of_lines(lines.frequency, lines.values)
+    spacing = float(np.median(np.diff(lines.frequency)))
+    above = tip_receptance(frf, (frf.usable_band[0], np.inf))
+    beyond = zero_order.dynamics_of_lines(above.frequency, above.values) if above.count > lines.count else None
 
     def inverse_sd(speed: np.ndarray, cutting: np.ndarray, limit: Limit) -> np.ndarray:
-        # The spline halves the variance at best between two lines; the lines' own is kept, a little to the safe side.
-        line = np.clip(np.searchsorted(frequency, limit.frequency), 1, len(frequency) - 1)
-        line = np.where(frequency[line] - limit.frequency > limit.frequency - frequency[line - 1], line - 1, line)
+        # Between two lines the spline has at best half their variance; the nearest line's is kept, to the safe side.
+        middles = (lines.frequency[:-1] + lines.frequency[1:]) / 2
+        nearest = np.searchsorted(middles, limit.frequency)
         branches = zero_order.oriented(tip, cutting)
-        return zero_order.inverse_depth_sd(limit, speed, branches, variance[line], teeth, spacing)
-
-    def edge_depth(cutting: np.ndarray) -> float:
-        strength = zero_order.oriented(tip, cutting).strength
-        strongest = max(strength[:, 0].max(), strength[:, -1].max())
-        return 1 / (2 * strongest) if strongest > 0 else np.inf
+        return zero_order.inverse_depth_sd(limit, speed, branches, lines.variance[nearest], teeth, spacing)
 
     return Tip(
         solve=lambda speed, cutting: zero_order.limit(speed, tip, cutting, teeth),
         minimum=lambda cutting: zero_order.absolute_minimum(zero_order.oriented(tip, cutting)),
         notices=tuple(notices),
-        inverse_sd=None if variance is None else inverse_sd,
-        band=(float(frequency[0]), float(frequency[-1])),
-        edge_depth=edge_depth,
+        inverse_sd=None if lines.variance is None else inverse_sd,
+        band=(float(lines.frequency[0]), float(lines.frequency[-1])),
+        beyond=None if beyond is None else lambda speed, cutting: zero_order.limit(speed, beyond, cutting, teeth),
     )
 
 
-def tip_receptance(frf: Frf, rigid: str = "") -> tuple[np.ndarray, np.ndarray, np.ndarray | None, list[Notice]]:
-    """The receptance matrix in x and y at one point, on the lines of the usable band.
+class Lines(NamedTuple):
+    """The receptance in x and y on lines of an FRF; an axis without a driving point is zero."""
 
-    returns frequency (line,) Hz, values complex (line, 2, 2) m/N, variance (line, 2, 2) or None, notices
-    """
+    frequency: np.ndarray  # (line,) Hz
+    values: np.ndarray  # complex (line, 2, 2) m/N
+    variance: np.ndarray | None  # (line, 2, 2) m^2/N^2
+    notices: tuple[Notice, ...]
+
+    @property
+    def count(self) -> int:
+        return len(self.frequency)
+
+
+def tip_receptance(frf: Frf, band: tuple[float, float]) -> Lines:
+    """The receptance matrix in x and y at the point that is both hit and measured, on the lines of a band."""
     if frf.form not in structure.DERIVATIVES:
         raise IllPosedError(f"frf: a {frf.form} is no response to a force; give accelerance, mobility or receptance")
     point, places = _driving_points(frf)
-    notices = _missing_axes(set(places), rigid, f"frf {point}")
-    axes = [axis for axis in "xy" if axis in places]
+    axes, where = sorted(places), f"frf {point}"
     outputs, inputs = zip(*(places[axis] for axis in axes), strict=True)
     to = ["xy".index(axis) for axis in axes]
-
-    low, high = frf.usable_band
-    kept = (frf.frequency > 0) & (frf.frequency >= low) & (frf.frequency <= high)
-    measured = frf.values[:, outputs][:, :, inputs]
     own = np.arange(len(axes))
+
+    measured = frf.values[:, outputs][:, :, inputs]
+    kept = (frf.frequency > 0) & (frf.frequency >= band[0]) & (frf.frequency <= band[1])
     kept &= np.isfinite(measured[:, own, own]).all(axis=1)
-    if np.count_nonzero(kept) < FEWEST_LINES:
-        raise IllPosedError(
-            f"frf {point}: {np.count_nonzero(kept)} lines between {low:g} and {high:g} Hz, the usable band; measure again "
-            "with a harder hit or tip"
-        )
     frequency = frf.frequency[kept]
     measured = structure.convert_frf(frequency, measured[kept], frf.form, "receptance")
+    notices = []
     unmeasured = ~np.isfinite(measured).all(axis=0)
     if unmeasured.any():
-        notices.append(Notice("cross-terms", "cross receptances with gaps are taken as zero", f"frf {point}"))
+        notices.append(Notice("cross-terms", "cross receptances with gaps are taken as zero", where))
         measured[:, unmeasured] = 0.0
     values = np.zeros((len(frequency), 2, 2), complex)
     values[np.ix_(range(len(frequency)), to, to)] = measured
-    notices += _absorbs_power(frequency, values, axes, point)
-    if frf.variance is None:
-        return frequency, values, None, notices
-    spread = structure.convert_frf_variance(
-        frequency, frf.variance[kept][:, outputs][:, :, inputs], frf.form, "receptance"
-    )
-    if not np.isfinite(spread[:, own, own]).all():
-        where = f"frf {point}"
-        notices.append(Notice("variance-unknown", "the FRF's variance has gaps, so the band leaves it out", where))
-        return frequency, values, None, notices
-    variance = np.zeros((len(frequency), 2, 2))
-    variance[np.ix_(range(len(frequency)), to, to)] = np.where(np.isfinite(spread), spread, 0.0)
-    return frequency, values, variance, notices
+
+    variance = None
+    if frf.variance is not None:
+        spread = frf.variance[kept][:, outputs][:, :, inputs]
+        spread = structure.convert_frf_variance(frequency, spread, frf.form, "receptance")
+        if np.isfinite(spread[:, own, own]).all():
+            variance = np.zeros(values.shape)
+            variance[np.ix_(range(len(frequency)), to, to)] = np.where(np.isfinite(spread), spread, 0.0)
+        else:
+            notices.append(Notice("variance-unknown", "the FRF's variance has gaps, so the band leaves it out", where))
+    return Lines(frequency, values, variance, tuple(notices))
 
 
 def _driving_points(frf: Frf) -> tuple[str, dict[str, tuple[int, int]]]:
@@ -158,9 +167,9 @@ def _driving_points(frf: Frf) -> tuple[str, dict[str, tuple[int, int]]]:
     return fullest[0], points[fullest[0]]
 
 
-def _absorbs_power(frequency: np.ndarray, values: np.ndarray, axes: list[str], point: str) -> list[Notice]:
+def _absorbs_power(lines: Lines, axes: list[str], point: str) -> list[Notice]:
     """A driving point takes up power: Im of its receptance is negative. The wrong sign at resonance is refused."""
-    notices = []
+    frequency, values, notices = lines.frequency, lines.values, []
     for axis in axes:
         i = "xy".index(axis)
         absorbed = -frequency * values[:, i, i].imag  # in proportion to the real part of the mobility

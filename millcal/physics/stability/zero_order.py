@@ -184,10 +184,11 @@ def _phase_root(n: np.ndarray, turns: np.ndarray, zeta: float) -> np.ndarray:
         slope = turns + 2 * zeta * (1 + r**2) / (u**2 + v**2) / np.pi
         low, high = np.where(error < 0, r, low), np.where(error < 0, high, r)
         step = r - error / slope
+        there = np.abs(step - r) <= 1e-15 * r
         sure = (step >= low) & (step <= high) & (np.abs(error) < before / 2)  # Newton alone can go round in a circle
-        new = np.where(sure, step, (low + high) / 2)
-        if not np.any(np.abs(new - r) > 4e-16 * r):
-            break
+        new = np.where(sure | there, step, (low + high) / 2)
+        if np.all(there | np.isnan(r)):
+            return new
         r, before = new, np.abs(error)
     return r
 
