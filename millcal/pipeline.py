@@ -283,6 +283,7 @@ def check_folder(out: Path) -> None:
 @contextmanager
 def replaced_folder(out: Path) -> Iterator[Path]:
     """A new folder beside `out`, which takes its place when the block ends well and vanishes when it does not."""
+    out = Path(os.path.realpath(out))  # a link keeps pointing here
     aside = out.with_name(f".{out.name}.{os.getpid()}.old")
     folder = out.with_name(f".{out.name}.{os.getpid()}.part")
     try:

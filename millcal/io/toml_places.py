@@ -7,7 +7,7 @@ and values and writes down the line of each header and key, by its path in the p
 import re
 import tomllib
 
-Path = tuple[str | int, ...]
+Loc = tuple[str | int, ...]
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _STRING = re.compile(r'"""(?:\\.|[^\\])*?"{3,5}|\'\'\'.*?\'{3,5}|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'', re.DOTALL)
@@ -15,7 +15,7 @@ _SCALAR = re.compile(r"[^,\]}#\n]+")
 _BLANK = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
 
 
-def locate(text: str) -> dict[Path, int]:
+def locate(text: str) -> dict[Loc, int]:
     """Line, from 1, of every table header, key and array item in a valid TOML text; of a repeated table, the first."""
     return _Scanner(text).scan()
 
@@ -25,10 +25,10 @@ class _Scanner:
 
     def __init__(self, text: str) -> None:
         self.text, self.at, self.table = text, 0, ()
-        self.places: dict[Path, int] = {}
-        self.arrays: dict[Path, int] = {}  # how many times the header [[path]] was met
+        self.places: dict[Loc, int] = {}
+        self.arrays: dict[Loc, int] = {}  # how many times the header [[path]] was met
 
-    def scan(self) -> dict[Path, int]:
+    def scan(self) -> dict[Loc, int]:
         self._step(_BLANK)
         while self.at < len(self.text):
             if self.text.startswith("[[", self.at):
@@ -45,7 +45,7 @@ class _Scanner:
         self.at = match.end() if match else self.at
         return match.group() if match else ""
 
-    def _note(self, path: Path) -> None:
+    def _note(self, path: Loc) -> None:
         self.places.setdefault(path, self.text.count("\n", 0, self.at) + 1)
 
     def _key(self) -> tuple[str, ...]:
@@ -64,7 +64,7 @@ class _Scanner:
         start = self.at
         self.at += 2 if repeated else 1
         *parents, last = self._key()
-        path: Path = ()
+        path: Loc = ()
         for part in parents:  # a parent that is an array of tables means its newest table
             path = self._newest((*path, part))
         path = (*path, last)
@@ -77,10 +77,10 @@ class _Scanner:
         self.at = end + (2 if repeated else 1)
         self.table = path
 
-    def _newest(self, path: Path) -> Path:
+    def _newest(self, path: Loc) -> Loc:
         return (*path, self.arrays[path] - 1) if path in self.arrays else path
 
-    def _pair(self, table: Path) -> None:
+    def _pair(self, table: Loc) -> None:
         path = table
         start = self.at
         key = self._key()
@@ -91,7 +91,7 @@ class _Scanner:
         self.at = end + 1  # over the =
         self._value(path)
 
-    def _value(self, path: Path) -> None:
+    def _value(self, path: Loc) -> None:
         self._step(_BLANK)
         opening = self.text[self.at]
         if opening == "[":
@@ -101,7 +101,7 @@ class _Scanner:
         elif not self._step(_STRING):
             self._step(_SCALAR)
 
-    def _items(self, path: Path, closing: str) -> None:
+    def _items(self, path: Loc, closing: str) -> None:
         """The items of an array, or the pairs of an inline table."""
         self.at += 1
         number = 0

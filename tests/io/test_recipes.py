@@ -248,12 +248,12 @@ def test_a_recipe_that_is_absent_or_not_text_is_one_line(tmp_path):
 
 def tables_of(model, seen):
     """All models below a model."""
-    from millcal.io.recipes import _model_in
+    from millcal.io.toml_documents import model_in
 
     if model not in seen:
         seen.add(model)
         for info in model.model_fields.values():
-            inner = _model_in(info.annotation)
+            inner = model_in(info.annotation)
             if inner is not None:
                 tables_of(inner, seen)
     return seen
