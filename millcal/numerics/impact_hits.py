@@ -137,7 +137,8 @@ def second_pulse(pulse: np.ndarray, start: int, stop: int, noise: float) -> tupl
     if not found:
         return None
     share, distance, *_ = max(found)
-    return share, distance, max(0, min(f[2] for f in found)), min(len(pulse), max(f[3] for f in found))
+    first, last = min(start, *(f[2] for f in found)), max(stop, *(f[3] for f in found))
+    return share, distance, max(0, first), min(len(pulse), last)
 
 
 def survey_hit(force: np.ndarray, response: np.ndarray, block: int, around: tuple[int, int] | None = None) -> Survey:
@@ -158,7 +159,7 @@ def survey_hit(force: np.ndarray, response: np.ndarray, block: int, around: tupl
     level = max(3.0 * scatter, 0.02 * peak)
     onset, stop = pulse_around(pulse, top, level)
     second = second_pulse(pulse, onset, stop, scatter)
-    first, last = (onset, stop) if second is None else (min(onset, second[2]), max(stop, second[3]))
+    first, last = (onset, stop) if second is None else second[2:]
     length = stop - onset
 
     outside = np.ones(n, bool)

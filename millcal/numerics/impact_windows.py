@@ -49,7 +49,7 @@ def pulse_margins(pulse: np.ndarray, first: int, last: int, length: int, noise: 
     loud = moving_mean((np.abs(pulse) > 2.5 * noise).astype(float), 4) >= 0.5
     reach = 4 * length + 64
     after = np.flatnonzero(~loud[last : last + reach])
-    before = np.flatnonzero(~loud[max(0, first - reach) : first][::-1])
+    before = np.flatnonzero(~loud[max(0, first - 4 - reach) : max(0, first - 3)][::-1])
     grown_last = last + (int(after[0]) if len(after) else reach)
     grown_first = first - (int(before[0]) if len(before) else reach)
     return grown_first - length - 16, grown_last + length + 16

@@ -95,7 +95,7 @@ def _points(taps: list[Tap], length: int, rate: float, resolution: float | None)
     """
     if resolution is not None:
         return max(length, int(np.ceil(rate / resolution)))
-    decays = [min(2.0 * float(tap.decay.max()), 2.0 * length) for tap in taps if np.isfinite(tap.decay.max())]
+    decays = [2.0 * float(tap.decay.max()) for tap in taps if tap.decay.max() < length]
     return 1 << int(np.ceil(np.log2(max([length, *decays]))))
 
 
@@ -164,6 +164,11 @@ def _assemble(taps: list[Tap], length: int, points: int, rate: float, estimator:
     if np.isnan(values[1:]).all(axis=0).any():
         o, i = np.argwhere(np.isnan(values[1:]).all(axis=0))[0]
         notices.append(Notice("not-measured", f"some pairs stand in no recording, {outputs[o]}/{inputs[i]} among them"))
+    if not set(inputs) & set(outputs):
+        message = (
+            f"no response was measured where the hammer hit ({', '.join(inputs)}); name the dofs of the channels, "
+        )
+        notices.append(Notice("no-driving-point", message + "as in --map hammer@tipX=force"))
     multiple = np.where(enough, divide(explained, total), np.nan)
 
     band = _usable_band(frequency, spectrum, line_noise, rate / length)

@@ -148,12 +148,12 @@ def named_hits(taps: list[Tap], wanted: Sequence[int | str], option: str) -> set
     chosen = set()
     for item in wanted:
         name, _, number = str(item).rpartition(":")
-        known = [tap for tap in taps if not name or name in (tap.recording.name, _stem(tap.recording.name))]
+        known = [tap for tap in taps if not name or name in _names(tap)]
         if not name and len(taps) > 1:
-            example = f"{_stem(taps[0].recording.name)}:{item}"
+            example = f"{_names(taps[0])[2]}:{item}"
             raise RecordingError(f"{option} {item}: there are {len(taps)} recordings; say which one, as in {example}")
         if not known:
-            names = ", ".join(_stem(tap.recording.name) for tap in taps)
+            names = ", ".join(_names(tap)[2] for tap in taps)
             raise RecordingError(f"{option} {item}: no recording is called {name}; there are {names}")
         if not number.isdigit() or int(number) >= len(known[0].stretches):
             raise RecordingError(
@@ -163,8 +163,10 @@ def named_hits(taps: list[Tap], wanted: Sequence[int | str], option: str) -> set
     return chosen
 
 
-def _stem(name: str) -> str:
-    return name.replace("\\", "/").rsplit("/", 1)[-1].removesuffix(".h5")
+def _names(tap: Tap) -> tuple[str, str, str]:
+    """What a recording may be called: its path, its file name, and that without the ending."""
+    file = tap.recording.name.replace("\\", "/").rsplit("/", 1)[-1]
+    return tap.recording.name, file, file.rsplit(".", 1)[0]
 
 
 def plan_windows(tap: Tap) -> None:

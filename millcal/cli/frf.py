@@ -1,0 +1,107 @@
+"""Impact tests to an FRF matrix: `millcal frf`."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from millcal.cli.speak import Json, Quiet, Seed, progress_bar, reply
+
+
+def frf(
+    recordings: Annotated[list[Path], typer.Argument(metavar="REC", help="Impact tests; several add inputs or hits.")],
+    out: Annotated[Path, typer.Option("-o", "--output", help="FRF file to write.")],
+    estimator: Annotated[
+        Literal["h1", "h2", "hv"], typer.Option("--estimator", help="Noise in the response, in the force, in both.")
+    ] = "h1",
+    form: Annotated[
+        Literal["accelerance", "mobility", "receptance"] | None,
+        typer.Option("--form", help="Form of the FRF; default: as measured."),
+    ] = None,
+    keep: Annotated[
+        list[str] | None, typer.Option("--keep", metavar="HIT", help="Use this hit whatever is found: 3, or tap_x:3.")
+    ] = None,
+    drop: Annotated[
+        list[str] | None, typer.Option("--drop", metavar="HIT", help="Leave this hit out: 3, or tap_x:3.")
+    ] = None,
+    allow_double: Annotated[
+        bool, typer.Option("--allow-double", help="Use double hits too, with all their pulses in the force window.")
+    ] = False,
+    record_s: Annotated[
+        float | None, typer.Option("--record-s", min=0, help="Record of each hit; default: what the decay needs.")
+    ] = None,
+    resolution_hz: Annotated[
+        float | None, typer.Option("--resolution-hz", min=0, help="Lines at most this far apart, by added zeros.")
+    ] = None,
+    setup: Annotated[
+        Path | None, typer.Option("--setup", help="Setup (TOML) that says what the columns of the files are.")
+    ] = None,
+    map: Annotated[
+        list[str] | None, typer.Option("--map", metavar="CHANNEL=COLUMN", help="Axis map with sign: fx=+Fy.")
+    ] = None,
+    unit: Annotated[
+        list[str] | None, typer.Option("--unit", metavar="COLUMN=UNIT", help="Unit of a column: F=N.")
+    ] = None,
+    rate_hz: Annotated[
+        float | None, typer.Option("--rate-hz", min=0, help="Sample rate where a file has none.")
+    ] = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    seed: Seed = 0,
+) -> None:
+    """Impact tests to an FRF matrix with coherence and a table of the hits, each rejected one with its reasons.
+
+    Example: millcal frf tap_x.h5 tap_y.h5 -o frf.h5
+    """
+    from millcal.io.provenance import provenance
+    from millcal.io.readable import text_of
+    from millcal.io.recipes import read_setup
+    from millcal.io.recordings import read_recording
+    from millcal.io.results import write_result
+    from millcal.io.summaries import summarise
+    from millcal.stages.frf import estimate_frf
+
+    stated = {
+        "setup": read_setup(setup) if setup else None,
+        "map": _pairs(map, "--map") or None,
+        "units": _pairs(unit, "--unit") or None,
+        "rate_hz": rate_hz,
+    }
+    with progress_bar(quiet) as progress:
+        taps = [
+            read_recording(path, **stated, progress=lambda share, label: progress(0.5 * share, label))
+            for path in recordings
+        ]
+        found = estimate_frf(
+            taps,
+            estimator=estimator,
+            form=form,
+            keep=keep or (),
+            drop=drop or (),
+            allow_double=allow_double,
+            record_length=record_s or None,
+            resolution=resolution_hz or None,
+            progress=lambda share, label: progress(0.5 + 0.5 * share, label),
+        )
+    origin = provenance([*recordings, *([setup] if setup else [])], seed=seed)
+    write_result(out, found, provenance=origin)
+    reply(
+        "frf",
+        text_of(found),
+        {**summarise(found), "output": str(out)},
+        inputs=origin["inputs"],
+        notices=found.notices,
+        as_json=as_json,
+        quiet=quiet,
+    )
+
+
+def _pairs(items: list[str] | None, option: str) -> dict[str, str]:
+    """`fx=+Fy` options as a dict."""
+    pairs = {}
+    for item in items or ():
+        name, equals, value = item.partition("=")
+        if not (name and equals and value):
+            raise typer.BadParameter(f"{item!r} is not NAME=VALUE", param_hint=option)
+        pairs[name.strip()] = value.strip()
+    return pairs

@@ -1,0 +1,125 @@
+"""Laws of the frequency response from hits: exact data give the exact response, and each estimator its own limit."""
+
+import numpy as np
+import pytest
+
+from millcal.errors import IllPosedError
+from millcal.numerics.frequency_response import ESTIMATORS, condition, deviation, estimate, inverse_of
+
+LINES = 40
+
+
+def cgauss(rng, *shape):
+    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
+
+
+def hits(rng, n=8, inputs=1, outputs=3, noise=(0.0, 0.0)):
+    """Spectra of n hits on a random system: force, response, system (frequency, output, input)."""
+    H = cgauss(rng, LINES, outputs, inputs)
+    F = cgauss(rng, n, inputs, LINES) + 2.0 * rng.uniform(0.5, 1.5, (n, inputs, 1))
+    X = np.einsum("foi,hif->hof", H, F)
+    return F + noise[0] * cgauss(rng, *F.shape), X + noise[1] * cgauss(rng, *X.shape), H
+
+
+def solved(F, X, noise=(0.0, 0.0), estimator="h1"):
+    n, m = F.shape[:2]
+    return estimate(F, X, np.full(m, n * noise[0] ** 2), np.full(X.shape[1], n * noise[1] ** 2), estimator=estimator)
+
+
+@pytest.mark.parametrize(("estimator", "inputs"), [("h1", 1), ("h1", 3), ("h2", 1), ("hv", 1), ("hv", 3)])
+def test_without_noise_every_estimator_returns_the_system(estimator, inputs):
+    F, X, H = hits(np.random.default_rng(1), inputs=inputs)
+    assert solved(F, X, estimator=estimator).values == pytest.approx(H, rel=1e-6)
+
+
+def test_as_many_hits_as_inputs_are_enough_and_leave_nothing_for_coherence_or_variance():
+    F, X, H = hits(np.random.default_rng(2), n=3, inputs=3)
+    found = solved(F, X)
+    assert found.values == pytest.approx(H, rel=1e-6)
+    assert np.isnan(found.coherence).all()
+    assert np.isnan(found.variance).all()
+
+
+def test_several_inputs_are_the_least_squares_solution_at_each_line():
+    F, X, _ = hits(np.random.default_rng(3), n=9, inputs=2, noise=(0, 0.3))
+    found = solved(F, X).values
+    for f in range(LINES):
+        expected = np.linalg.lstsq(F[:, :, f], X[:, :, f], rcond=None)[0].T
+        assert found[f] == pytest.approx(expected, rel=1e-9)
+
+
+def test_one_input_alone_equals_that_input_among_others_that_were_never_hit_together():
+    rng = np.random.default_rng(4)
+    Fa, Xa, _ = hits(rng, noise=(0, 0.2))
+    Fb, Xb, _ = hits(rng, noise=(0, 0.2))
+    zero = np.zeros_like(Fa)
+    F = np.concatenate([np.concatenate([Fa, zero], 1), np.concatenate([zero, Fb], 1)])
+    both = solved(F, np.concatenate([Xa, Xb]))
+    assert both.values[:, :, [0]] == pytest.approx(solved(Fa, Xa).values, rel=1e-9)
+    assert both.values[:, :, [1]] == pytest.approx(solved(Fb, Xb).values, rel=1e-9)
+
+
+def test_variance_of_one_input_is_the_closed_form_of_the_coherence():
+    """Bendat and Piersol: |H|^2 (1 - g^2) / (g^2 (n - 1)) for the plain H1."""
+    F, X, _ = hits(np.random.default_rng(5), n=7, noise=(0, 0.4))
+    found = solved(F, X)
+    g2 = found.coherence
+    assert found.variance == pytest.approx(np.abs(found.values) ** 2 * (1 - g2) / (g2 * 6), rel=1e-9)
+    assert found.explained / found.total == pytest.approx(g2[:, :, 0], rel=1e-9)
+
+
+def test_noise_of_the_force_no_longer_biases_h1_once_it_is_taken_off():
+    """E[H1] = H / (1 + Nff/Sff) without; the mean over many hits tells."""
+    noise = (1.0, 0.0)
+    F, X, H = hits(np.random.default_rng(6), n=6000, noise=noise)
+    plain, freed = (solved(F, X, sizes).values for sizes in ((0.0, 0.0), noise))
+    assert np.abs(plain / H).mean() < 0.87
+    assert np.abs(freed / H).mean() == pytest.approx(1.0, abs=0.008)
+
+
+def test_hv_goes_to_h1_without_force_noise_and_to_h2_without_response_noise():
+    F, X, _ = hits(np.random.default_rng(7), noise=(0.1, 0.1))
+    assert solved(F, X, (1e-6, 1.0), "hv").values == pytest.approx(solved(F, X).values, rel=1e-6)
+    assert solved(F, X, (1.0, 1e-6), "hv").values == pytest.approx(solved(F, X, estimator="h2").values, rel=1e-6)
+
+
+def test_hv_lies_between_h1_and_h2_in_size():
+    F, X, _ = hits(np.random.default_rng(8), noise=(0.3, 0.3))
+    size = {name: np.abs(solved(F, X, (0.3, 0.3) if name == "hv" else (0, 0), name).values) for name in ESTIMATORS}
+    assert (size["h1"] <= size["hv"] * (1 + 1e-9)).all()
+    assert (size["hv"] <= size["h2"] * (1 + 1e-9)).all()
+
+
+def test_hv_is_consistent_where_both_channels_are_noisy():
+    noise = (0.5, 0.5)
+    F, X, H = hits(np.random.default_rng(9), n=6000, noise=noise)
+    assert np.abs(solved(F, X, noise, "hv").values / H).mean() == pytest.approx(1.0, abs=0.015)
+
+
+def test_h2_of_several_inputs_at_once_is_refused():
+    F, X, _ = hits(np.random.default_rng(10), inputs=2)
+    with pytest.raises(IllPosedError, match="h2"):
+        solved(F, X, estimator="h2")
+
+
+def test_hits_in_one_direction_only_do_not_tell_inputs_apart():
+    rng = np.random.default_rng(11)
+    F = cgauss(rng, 6, 1, LINES) * np.array([1.0, 2.0, 3.0])[None, :, None]
+    assert condition(F) > 1e6
+    assert condition(cgauss(rng, 6, 3, LINES)) < 30
+
+
+def test_a_matrix_that_cannot_be_inverted_gives_nan_and_its_neighbours_their_inverse():
+    matrices = np.array([np.eye(2), np.ones((2, 2)), 4e12 * np.eye(2)], complex)
+    found = inverse_of(matrices)
+    assert found[0] == pytest.approx(np.eye(2))
+    assert np.isnan(found[1]).all()
+    assert found[2] == pytest.approx(np.eye(2) / 4e12)
+
+
+def test_the_hit_that_differs_from_the_others_shows_in_the_deviation():
+    F, X, _ = hits(np.random.default_rng(12), n=6, noise=(0, 0.01))
+    X[4] *= 1.3
+    found = deviation(F[:, 0], X)
+    assert found[4] == pytest.approx(1 - 1 / 1.3, abs=0.02)
+    assert np.delete(found, 4).max() < 0.05
