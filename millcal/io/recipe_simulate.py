@@ -65,12 +65,7 @@ class _ChainTable(Table):
 
     def chain(self) -> MeasuringChain:
         """The chain in SI."""
-        return MeasuringChain(
-            **{key: () if value is None and key in _LISTS else value for key, value in self.arguments().items()}
-        )
-
-
-_LISTS = ("resonance", "damping_ratio")
+        return MeasuringChain(**{name: value for name, value in self.arguments().items() if value is not None})
 
 
 class HammerTable(_ChainTable):

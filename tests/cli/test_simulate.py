@@ -164,7 +164,6 @@ def test_the_truth_of_cuts_without_noise_comes_back_out(tmp_path, method, teeth,
         (('recording = "b.txt"', 'recording = "a.csv"'), "two recordings are named a.csv"),
         (('"+Fy", fy = "-Fx"', '"+Fy", fy = "-Fy"'), "does not name three columns"),
         (("hits = 2", "hits = 2\nfaults = [{hit = 5, kind = \"weak\", ratio = 0.1}]"), "beyond the last"),
-        (("[simulate.hammer]\nfull_scale_N = 500", "[simulate.hammer]"), None),
         (('shape = {tipX = 1.0}', 'shape = {tipX = "a"}'), "shape"),
         (("diameter_mm = 16\n", ""), "diameter_mm: is missing"),
         (('recording = "tap.h5"', 'recording = "../tap.h5"'), "recording"),
@@ -173,10 +172,22 @@ def test_the_truth_of_cuts_without_noise_comes_back_out(tmp_path, method, teeth,
 def test_a_wrong_recipe_ends_in_one_line_that_names_the_key(tmp_path, capsys, change, says):
     text = recipe()
     assert change[0] in text
-    out = simulate(tmp_path / "wrong", text.replace(*change), code=3 if says else 0)
+    out = simulate(tmp_path / "wrong", text.replace(*change), code=3)
     told = capsys.readouterr().err
-    if says:
-        assert told.startswith("error: ")
-        assert told.count("\n") == 1
-        assert says in told
-        assert not out.exists()
+    assert told.startswith("error: ")
+    assert told.count("\n") == 1
+    assert says in told
+    assert not out.exists()
+
+
+def test_a_recipe_without_anything_to_simulate_says_so(tmp_path, capsys):
+    simulate(tmp_path / "cuts", '[impact]\nrecordings = ["tap.h5"]\n', code=3)
+    assert "there is no [simulate] table" in capsys.readouterr().err
+
+
+def test_an_output_that_cannot_be_a_folder_is_one_line(tmp_path, capsys):
+    (tmp_path / "file").mkdir()
+    (tmp_path / "file" / "out").write_text("something else")
+    simulate(tmp_path / "file", recipe(), code=3)
+    assert capsys.readouterr().err.count("\n") == 1
+    assert (tmp_path / "file" / "out").read_text() == "something else"
