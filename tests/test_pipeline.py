@@ -203,6 +203,45 @@ def test_an_empty_folder_and_an_old_result_are_replaced(small_recipe, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
+def test_a_link_to_a_result_keeps_pointing_to_it(small_recipe, tmp_path):
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "disk")
+    recipe = read_recipe(small_recipe(IMPACT_ONLY))
+    for _ in range(2):
+        pipeline.run(recipe, tmp_path / "link")
+        assert (tmp_path / "link").is_symlink()
+        assert (tmp_path / "disk" / "frf.h5").exists()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["disk", "link"]
+
+
+def test_an_interrupted_run_leaves_nothing_behind(small_recipe, tmp_path, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pipeline, "render", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        pipeline.run(read_recipe(small_recipe(IMPACT_ONLY)), tmp_path / "out")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_place_that_cannot_be_written_is_one_line(small_recipe, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RecipeError, match="cannot be written"):
+        pipeline.run(read_recipe(small_recipe(IMPACT_ONLY)), tmp_path / "file" / "out")
+
+
+def test_progress_rises_from_0_to_1_and_says_which_file(small_recipe, tmp_path):
+    told = []
+    pipeline.run(
+        read_recipe(small_recipe()), tmp_path / "out", progress=lambda share, label: told.append((share, label))
+    )
+    shares = [share for share, _ in told]
+    assert shares == sorted(shares)
+    assert shares[0] >= 0
+    assert shares[-1] == pytest.approx(1.0)
+    assert any("cut-1.h5" in label for _, label in told)
+
+
 @pytest.mark.parametrize(
     ("wanted", "ok"),
     [
