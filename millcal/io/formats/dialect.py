@@ -27,6 +27,7 @@ _NUMBER = {
     ".": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?"),
     ",": re.compile(r"[+-]?(\d+(,\d+)?|,\d+)([eE][+-]?\d+)?"),
 }
+_GROUPED = re.compile(r"[+-]?(\d{1,3}(\.\d{3})+,\d+|\d{1,3}(,\d{3})+\.\d+)")  # 1.234,5
 CLOCK = re.compile(r"(\d{4}-\d\d-\d\d[ T])?(\d{1,3}:\d{2}:\d{2}([.,]\d+)?|\d{1,3}:\d{2}[.,]\d+)")
 _SPACED_HEADER = re.compile(r"[^\s\[(]\S*(?:\s*[\[(][^\])]*[\])])?")
 
@@ -73,6 +74,8 @@ def sniff_dialect(path: Path, head: bytes, layout: TextTable) -> Dialect:
     rows = [split(line, delimiter) for line in lines[first:] if line.strip()]
     rows = [row for row in rows if len(row) == width]
     kinds = tuple(_kind([row[i] for row in rows], decimal) for i in range(width))
+    for i in (i for i, kind in enumerate(kinds) if kind == "text"):
+        _refuse_other_numbers(path, [row[i] for row in rows], decimal)
     above = lines[:first]
     names, units, written, used, notices = _header(path, above, delimiter, width)
     if layout.columns:
@@ -295,9 +298,17 @@ def _header(
     return names, [None] * width, [""] * width, 0, notices
 
 
+def _refuse_other_numbers(path: Path, cells: list[str], decimal: str) -> None:
+    """A column of numbers in another notation is not a column of words."""
+    other = "," if decimal == "." else "."
+    written = [cell for cell in cells if not is_missing(cell)]
+    if 2 * sum(is_number(cell, other) or bool(_GROUPED.fullmatch(cell)) for cell in written) > len(written):
+        raise RecordingError(f"{path}: {_why_no_table(cells + ['1.5', '1,5'])}")
+
+
 def _why_no_table(lines: list[str]) -> str:
     text = "\n".join(lines)
-    if re.search(r"\d\.\d{3}(\.\d{3})*,\d", text) or re.search(r"\d,\d{3}(,\d{3})*\.\d", text):
+    if any(_GROUPED.fullmatch(cell) for cell in re.split(r"[;|\s]+", text)):
         return "numbers with a point and a comma in one; export without thousands separators"
     both = [sum(bool(re.search(rf"\d{re.escape(sign)}\d", line)) for line in lines) for sign in ".,"]
     if all(both):

@@ -7,6 +7,7 @@ bad cell is named with its line and column. Memory does not grow with the file.
 The `[text]` table of a setup states what looking cannot tell.
 """
 
+import codecs
 import io
 import re
 from collections.abc import Iterator
@@ -29,6 +30,7 @@ from millcal.io.keys import TextTable
 
 BLOCK = 1 << 23  # bytes of text at a time: 8 MB keeps the whole under 300 MB and the parser at full speed
 _LONGEST_LINE = 1 << 22  # bytes
+_LINE_FEED = 10
 _LONGEST_FOOTER = 5  # lines
 
 
@@ -118,7 +120,7 @@ def _blocks(reading: _Reading, numeric: list[int], promised: int | None, progres
         for k in clocks:
             values[k] = unwrapped_midnights(values[k], last_clock.get(k)) if values.shape[1] else values[k]
             last_clock[k] = values[k, -1] if values.shape[1] else last_clock.get(k, 0.0)
-        reading.line += block.count(b"\n")
+        reading.line += int(np.count_nonzero(np.frombuffer(block, np.uint8) == _LINE_FEED))
         reading.rows += values.shape[1]
         progress(min(done / max(size, 1), 1.0), "reading")
         if values.shape[1]:
@@ -135,22 +137,17 @@ def _byte_blocks(path: Path, dialect: Dialect) -> Iterator[tuple[bytes, int, boo
     """Whole lines from the first row on: (bytes, how many bytes of the file are done, whether it is the last)."""
     with open(path, "rb") as raw:
         file: BinaryIO = _Recoded(raw, dialect.encoding) if dialect.recodes else raw  # type: ignore[assignment]
+        if dialect.encoding == "utf-8-sig" and not dialect.recodes:
+            raw.seek(len(codecs.BOM_UTF8))
         for _ in range(dialect.first_line - 1):
             file.readline()
-        rest = b""
-        while True:
-            read = file.read(BLOCK)
-            block = rest + read
-            if not read:
-                if block:
-                    yield block, raw.tell(), True
-                return
-            cut = block.rfind(b"\n") + 1
-            if cut == 0 and len(block) > _LONGEST_LINE:
+        following = file.read(BLOCK)
+        while block := following:
+            tail = file.readline(_LONGEST_LINE)
+            if len(tail) == _LONGEST_LINE:
                 raise RecordingError(f"{path}: a line of more than 4 MB; this is no table, export the recording again")
-            block, rest = block[:cut], block[cut:]
-            if block:
-                yield block, raw.tell(), False
+            following = file.read(BLOCK)
+            yield block + tail if tail else block, raw.tell(), not following
 
 
 class _Recoded:
@@ -159,8 +156,8 @@ class _Recoded:
     def __init__(self, raw: BinaryIO, encoding: str) -> None:
         self.text = io.TextIOWrapper(raw, encoding=encoding, errors="replace", newline=None)
 
-    def readline(self) -> bytes:
-        return self.text.readline().encode()
+    def readline(self, size: int = -1) -> bytes:
+        return self.text.readline(size).encode()
 
     def read(self, size: int) -> bytes:
         return self.text.read(size).encode()
@@ -197,7 +194,6 @@ def _read_csv(block: bytes, dialect: Dialect, dtype: Any, **options: Any) -> pd.
         encoding="latin-1",  # never fails; the numbers are plain in every encoding that comes here
         index_col=False,
         engine="c",
-        low_memory=False,
         **options,
     )
 
