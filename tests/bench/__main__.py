@@ -11,12 +11,14 @@ from importlib.metadata import version
 from pathlib import Path
 
 from main_job import main_job
+from stability import stability
 from start import start
 from text_reader import text_reader
 
 SECTIONS = {
     "Text reader": text_reader,
     "Start": start,
+    "Stability map": stability,
     "Main job": main_job,
 }
 
