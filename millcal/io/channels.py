@@ -129,11 +129,11 @@ def _time_column(
     columns: Sequence[Column], stated: Mapping[int | None, str], tables: Mapping[str, ChannelTable]
 ) -> int | None:
     """The column that is said to be the time, or whose stated unit is one of time."""
-    named = {table.column or name for name, table in tables.items() if table.quantity == "time"}
+    named = {_source_of(name, table, columns) for name, table in tables.items() if table.quantity == "time"}
     for i, column in enumerate(columns):
         if column.name in named:
             return i
-    for i, column in enumerate(columns):
+    for i in range(len(columns)):
         if time_unit(stated.get(i)) is not None:
             return i
     for i, column in enumerate(columns):
@@ -162,8 +162,7 @@ def _wanted(
             wanted.append((name.strip(), dof.strip() or None, sign, row))
     renamed = {}
     for name, table in tables.items():
-        source = table.column or (columns[table.number].name if _has(columns, table.number) else name)
-        row = _column_index(columns, source, problems, f"[channels.{name}]")
+        row = _column_index(columns, _source_of(name, table, columns), problems, f"[channels.{name}]")
         if row is not None:
             renamed[row] = name
     if mapping:
@@ -175,8 +174,13 @@ def _wanted(
     return wanted
 
 
-def _has(columns: Sequence[Column], number: int | None) -> bool:
-    return number is not None and number < len(columns)
+def _source_of(name: str, table: ChannelTable, columns: Sequence[Column]) -> str:
+    """Which column a table of a setup speaks of: by name, by number, or its own name."""
+    if table.dataset is not None:  # `column` and `number` are then parts of the dataset
+        return name
+    if table.column is None and table.number is not None and table.number < len(columns):
+        return columns[table.number].name
+    return table.column or name
 
 
 def _gain(column: Column, text: str | None, quantity: str | None, problems: list[str]) -> tuple[str, str, float] | None:

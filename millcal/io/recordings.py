@@ -30,8 +30,8 @@ from millcal.physics.cutter import Cutter, CuttingConditions
 __all__ = [
     "FORMATS",
     "Format",
-    "mapping_of",
     "join_recordings",
+    "mapping_of",
     "open_source",
     "read_recording",
     "write_recording",

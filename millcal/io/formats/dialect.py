@@ -303,7 +303,7 @@ def _refuse_other_numbers(path: Path, cells: list[str], decimal: str) -> None:
     other = "," if decimal == "." else "."
     written = [cell for cell in cells if not is_missing(cell)]
     if 2 * sum(is_number(cell, other) or bool(_GROUPED.fullmatch(cell)) for cell in written) > len(written):
-        raise RecordingError(f"{path}: {_why_no_table(cells + ['1.5', '1,5'])}")
+        raise RecordingError(f"{path}: {_why_no_table([*cells, '1.5', '1,5'])}")
 
 
 def _why_no_table(lines: list[str]) -> str:

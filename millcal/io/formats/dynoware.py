@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from millcal.data import Notice
 
-_KEY = re.compile(r'"?(?P<key>[^:="]+?)\s*[:=]\s*"?\s*[,;|\t ]*\s*"?(?P<value>[^"]*?)"?[,;|\t ]*')
+_KEY = re.compile(r'"?(?P<key>[^:=;|\t,"]+?)"?\s*(?:[:=]"?\s*[,;|\t]?|[,;|\t])\s*"?(?P<value>[^"]*?)"?[,;|\t ]*')
 _RATE = re.compile(
     r"(sampl\w*[ _]?(rate|freq\w*)|sampl\w*|fs|f_s|abtastrate)\b\s*[\[(]?(?P<unit>k?hz|[km]?s/s)?[\])]?", re.I
 )
@@ -27,7 +27,7 @@ def keys_of(preamble: Sequence[str]) -> dict[str, str]:
     """The lines above a table as keys and values.
 
     >>> keys_of(["DynoWare,Version 2.5.1.2", "Sampling rate [Hz]:,10000", "# fs = 51.2 kHz", "Date:, "])
-    {'Sampling rate [Hz]': '10000', 'fs': '51.2 kHz', 'Date': ''}
+    {'DynoWare': 'Version 2.5.1.2', 'Sampling rate [Hz]': '10000', 'fs': '51.2 kHz', 'Date': ''}
     """
     found = (_KEY.fullmatch(line.strip().lstrip("#%! ")) for line in preamble)
     return {match["key"].strip(): match["value"].strip() for match in found if match}

@@ -5,7 +5,7 @@ integer counts (value = stored x scale). Large files are not loaded: any part is
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -126,10 +126,8 @@ def check_dataset(path: Path, name: str, dataset: Any) -> None:
         code = properties.get_filter(i)[0]
         if h5py.h5z.filter_avail(code):
             continue
-        try:
+        with suppress(ImportError):
             import hdf5plugin  # noqa: F401  registers its filters
-        except ImportError:
-            pass
         if not h5py.h5z.filter_avail(code):
             filter_name = _FILTERS.get(code, f"number {code}")
             raise RecordingError(

@@ -136,10 +136,8 @@ def _picker(path: Path, name: str, table: ChannelTable, dataset: h5py.Dataset) -
 def _picked(file: h5py.File, picker: Picker, start: int, stop: int) -> np.ndarray:
     name, part, column, in_rows, _ = picker
     dataset = file[name]
-    if column is None:
-        values = dataset[start:stop]
-    else:
-        values = dataset[column, start:stop] if in_rows else dataset[start:stop, column]
+    span = slice(start, stop)
+    values = dataset[span if column is None else (column, span) if in_rows else (span, column)]
     return np.asarray(values if part is None else values[part], dtype=np.float64)
 
 
