@@ -73,8 +73,9 @@ class CoefficientsTable(Table):
     )
     taper: bool = Field(False, description="let the runout vary along the cutter")
     harmonics: int | None = Field(None, ge=1, description="highest harmonic of the fit; chosen when absent")
-    contact_loss: Literal["report", "adopt", "off"] = Field(
-        "report", description="teeth that miss the cut by runout: report it, adopt it in the coefficients, or off"
+    contact_loss: Literal["report", "fit", "off"] = Field(
+        "report",
+        description="teeth that miss the cut by runout: report them, fit the runout with the coefficients, or off",
     )
     mean_weight: Positive = Field(5.0, description="weight of the mean force beside one harmonic")
     sensor: str | None = Field(None, description="FRF file of the dynamometer: force out over force in, N/N")
