@@ -188,7 +188,7 @@ class Frf(Record):
     coherence: np.ndarray | None = array("1", "frequency", "output", "input", optional=True)  # nan for a single hit
     multiple_coherence: np.ndarray | None = array("1", "frequency", "output", optional=True)
     variance: np.ndarray | None = array("square of values", "frequency", "output", "input", optional=True)
-    force_spectrum: np.ndarray | None = array("N", "frequency", "input", optional=True)  # |F| of the mean hit
+    force_spectrum: np.ndarray | None = array("N s", "frequency", "input", optional=True)  # |F|, rms over the hits
     form: Literal["accelerance", "mobility", "receptance", "transmissibility"]
     estimator: str
     outputs: tuple[str, ...]  # dofs

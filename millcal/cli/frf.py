@@ -27,8 +27,15 @@ def frf(
     allow_double: Annotated[
         bool, typer.Option("--allow-double", help="Use double hits too, with all their pulses in the force window.")
     ] = False,
-    record_s: Annotated[
-        float | None, typer.Option("--record-s", min=0, help="Record of each hit; default: what the decay needs.")
+    weak: Annotated[
+        float, typer.Option("--weak", min=0, max=1, help="Leave hits below this share of the median peak out.")
+    ] = 0.15,
+    hold_off_s: Annotated[
+        float,
+        typer.Option("--hold-off-s", min=0, help="Pulses of a continuous recording closer than this are one hit."),
+    ] = 0.1,
+    record_length_s: Annotated[
+        float | None, typer.Option("--record-length-s", min=0, help="Length of each hit; default: by its decay.")
     ] = None,
     resolution_hz: Annotated[
         float | None, typer.Option("--resolution-hz", min=0, help="Lines at most this far apart, by added zeros.")
@@ -79,7 +86,9 @@ def frf(
             keep=keep or (),
             drop=drop or (),
             allow_double=allow_double,
-            record_length=record_s or None,
+            weak=weak,
+            hold_off=hold_off_s,
+            record_length=record_length_s or None,
             resolution=resolution_hz or None,
             progress=lambda share, label: progress(0.5 + 0.5 * share, label),
         )

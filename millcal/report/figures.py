@@ -237,11 +237,11 @@ def hammer_spectrum(frf: Frf) -> Figure | None:
         lines.append(Line(frequency[chosen], force[chosen, i], f"shade{i % 6}", name))
     kept = np.unique(np.linspace(0, len(frequency) - 1, min(len(frequency), CSV_ROWS)).round().astype(int))
     columns = [Column("frequency", "Hz", frequency[kept])]
-    columns += [Column(name, "N", force[kept, i]) for i, name in enumerate(frf.inputs)]
+    columns += [Column(name, "N s", force[kept, i]) for i, name in enumerate(frf.inputs)]
     high = decades_of(*(line.y for line in lines))[1]
     items: list[Item] = [Span(*frf.usable_band, "usable", "usable band"), *lines]
     svg = chart(
-        [Panel("force spectrum |F| of the mean hit, N", items, 150, (high * 2e-4, high), log=True)],
+        [Panel("force spectrum |F| of the hits, N s", items, 150, (high * 2e-4, high), log=True)],
         x_label="frequency, Hz",
         x_range=(float(frequency[0]), float(frequency[-1])),
         label="Force spectrum of the hammer against frequency for " + ", ".join(frf.inputs),
