@@ -20,8 +20,8 @@ import numpy as np
 from millcal.data import BestSpeed, Frf, Modes, Notice, Posterior, StabilityMap
 from millcal.errors import IllPosedError
 from millcal.physics.cutter import CuttingConditions, engagement
-from millcal.physics.cutting_force import Kienzle
 from millcal.physics.stability.zero_order import Limit, mean_cutting_matrix
+from millcal.stages.stability_coefficients import cutting_draws
 from millcal.stages.stability_tip import Solver, Tip, zero_order_tip
 
 RATIOS = 41  # K_rc / K_tc at which the limit is solved exactly for the band
@@ -73,7 +73,7 @@ def map_stability(
         return mean_cutting_matrix(ktc, krc, teeth=teeth, entry=entry, leave=leave)
 
     mean_chip = (feed_per_tooth or 0.0) * (np.cos(entry) - np.cos(leave)) / (leave - entry)
-    (ktc, krc), draws, notices = _coefficients(posterior, mean_chip, members, rng)
+    (ktc, krc), draws, notices = cutting_draws(posterior, mean_chip, members, rng)
     notices += _geometry_notices(pitch, teeth, leave - entry)
     speeds = np.linspace(low, high, points)
     asked = np.array([low, high] if operating_point is None else [low, high, operating_point[0]])
@@ -141,61 +141,6 @@ def map_stability(
     )
 
 
-def _coefficients(
-    posterior: Posterior | tuple[float, float], mean_chip: float, members: int, rng: np.random.Generator | None
-) -> tuple[np.ndarray, np.ndarray | None, list[Notice]]:
-    """K_tc and K_rc, and draws of them where there is a covariance.   returns (2,), (member, 2) or None, N/m^2"""
-    if not isinstance(posterior, Posterior):
-        mean, draws, notices = np.array(posterior, float), None, []
-    else:
-        kienzle = posterior.law == "kienzle"
-        names = ("kt", "kr", "mt", "mr") if kienzle else ("Ktc", "Krc")
-        missing = [name for name in names if name not in posterior.names]
-        if missing:
-            raise IllPosedError(f"coefficients: {', '.join(missing)} missing; the limit needs {', '.join(names)}")
-        if kienzle and not mean_chip > 0:
-            raise IllPosedError("stability.feed_per_tooth_mm: a Kienzle law needs the feed of the cut; give it")
-        index = [posterior.names.index(name) for name in names]
-        mean = posterior.mean[index]
-        known = bool(np.all(np.isfinite(posterior.covariance)))
-        sure = rng is None or members < 2 or not np.any(posterior.covariance[np.ix_(index, index)])
-        draws = None if sure or not known else posterior.sample(rng, members)[:, index]
-        notices = []
-        if not known:
-            message = "the cuts are too few to tell how sure their coefficients are, so the limit has no band from them"
-            notices.append(Notice("coefficients-no-spread", message + "; add a cut at another feed", "coefficients"))
-        if kienzle:
-            mean, draws = _tangent(mean, mean_chip), None if draws is None else _tangent(draws, mean_chip)
-            notices.append(
-                Notice(
-                    "kienzle-tangent",
-                    f"the limit uses the slope of the Kienzle law at the mean chip of {mean_chip * 1e6:.1f} um, "
-                    f"Ktc {mean[0] / 1e6:.0f} and Krc {mean[1] / 1e6:.0f} N/mm2; it holds for that feed",
-                )
-            )
-    if not mean[0] > 0:
-        raise IllPosedError(
-            f"coefficients.Ktc: {mean[0] / 1e6:.4g} N/mm2 is not positive, so there is no limit to map; "
-            "check the signs and the axis map of the cuts"
-        )
-    if draws is not None and np.any(draws[:, 0] <= 0):
-        share = np.mean(draws[:, 0] <= 0)
-        draws = draws[draws[:, 0] > 0]
-        notices.append(
-            Notice("coefficients-vague", f"{share:.1%} of the draws have Ktc below zero and are left out of the band")
-        )
-    return mean, draws, notices
-
-
-def _tangent(kienzle: np.ndarray, chip: float) -> np.ndarray:
-    """dF/dh per width, k (1 - m) (h/h0)^-m, along t and r.
-
-    kienzle : kt, kr, mt, mr, (..., 4) SI   chip : m   returns (..., 2) N/m^2
-    """
-    force, rise = kienzle[..., :2], kienzle[..., 2:]
-    return force * (1 - rise) * (chip / Kienzle.REFERENCE_CHIP) ** -rise
-
-
 def _inverse_depths(
     solve: Solver,
     cutting: Callable[[float, float], np.ndarray],
@@ -210,15 +155,17 @@ def _inverse_depths(
     if draws is None:
         return np.tile(1 / limit.depth, (members, 1))
     ratio = draws[:, 1] / draws[:, 0]
-    nodes = np.linspace(ratio.min(), ratio.max(), RATIOS)
-    table = np.empty((RATIOS, len(speeds)))  # 1/b for K_tc = that of the mean
+    # Quantiles, so that a far draw of few cuts' long tails does not stretch the grid; closer at the ends, where the band is.
+    nodes = np.unique(np.quantile(ratio, (1 - np.cos(np.linspace(0, np.pi, RATIOS))) / 2))
+    table = np.empty((len(nodes), len(speeds)))  # 1/b for K_tc = that of the mean
     for i, node in enumerate(nodes):
-        progress(0.15 + 0.8 * i / RATIOS, "band")
+        progress(0.15 + 0.8 * i / len(nodes), "band")
         table[i] = 1 / solve(speeds, cutting(mean[0], mean[0] * node)).depth
-    place = np.clip((ratio - nodes[0]) / max(nodes[1] - nodes[0], 1e-300), 0, RATIOS - 1)
-    left = np.minimum(place.astype(int), RATIOS - 2)
-    share = (place - left)[:, np.newaxis]
-    return (table[left] * (1 - share) + table[left + 1] * share) * (draws[:, :1] / mean[0])
+    right = np.clip(np.searchsorted(nodes, ratio), 1, max(len(nodes) - 1, 1)) % len(nodes)
+    left = np.maximum(right - 1, 0)
+    share = (ratio - nodes[left]) / np.where(right > left, nodes[right] - nodes[left], 1.0)
+    share = np.clip(share, 0.0, 1.0)[:, np.newaxis]
+    return (table[left] * (1 - share) + table[right] * share) * (draws[:, :1] / mean[0])
 
 
 def _depth_of(inverse: np.ndarray) -> np.ndarray:

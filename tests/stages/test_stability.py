@@ -85,12 +85,40 @@ def test_the_band_is_that_of_every_draw_solved_by_itself():
     """Interpolating between solved ratios costs less than a hundredth of the band, and errs to the safe side at corners."""
     known = posterior()
     found = map_stability(MODES, known, **CUT, points=12, members=100, rng=np.random.default_rng(5))
-    draws = known.sample(np.random.default_rng(5), 100)
-    each = [map_stability(MODES, (draw[0], draw[2]), **CUT, points=12, members=0).limit_depth for draw in draws]
+    two = replace(known, **{name: getattr(known, name)[[0, 2]] for name in ("mean", "interval")},
+                  names=("Ktc", "Krc"), units=("N/m^2",) * 2, covariance=known.covariance[np.ix_([0, 2], [0, 2])])  # fmt: skip
+    draws = two.sample(np.random.default_rng(5), 100)
+    each = [map_stability(MODES, tuple(draw), **CUT, points=12, members=0).limit_depth for draw in draws]
     low, high = np.quantile(1 / np.array(each), [0.975, 0.025], axis=0) ** -1
     width = found.limit_high - found.limit_low
     assert np.max(np.abs(found.limit_low - low) / width) < 0.01
     assert np.max(np.abs(found.limit_high - high) / width) < 0.01
+
+
+def test_few_cuts_behind_the_coefficients_make_the_band_wider_by_students_factor():
+    """Three degrees of freedom: 3.18 instead of 1.96 standard errors."""
+    widths = []
+    for dof in (np.inf, 3.0):
+        known = replace(posterior(sd=(10e6, 12e6)), dof=dof)
+        found = map_stability(MODES, known, **CUT, points=20, members=20_000, rng=np.random.default_rng(0))
+        widths.append(np.median(found.limit_high - found.limit_low))
+    assert widths[1] / widths[0] == pytest.approx(3.18 / 1.96, rel=0.05)
+
+
+def test_coefficients_without_an_interval_give_a_line_and_say_so():
+    known = posterior()
+    unknown = replace(known, covariance=np.full(known.covariance.shape, np.nan))
+    found = map_stability(MODES, unknown, **CUT, points=20, rng=np.random.default_rng(0))
+    assert found.limit_low is None
+    assert "no-band" in codes(found)
+
+
+def test_certain_ratio_or_certain_coefficients_need_no_grid_of_ratios():
+    exact = posterior(sd=(0.0, 0.0))
+    assert map_stability(MODES, exact, **CUT, points=5, rng=np.random.default_rng(0)).limit_low is None
+    along = posterior(sd=(KTC * 0.05, KRC * 0.05), correlation=1.0)
+    found = map_stability(MODES, along, **CUT, points=20, members=4000, rng=np.random.default_rng(0))
+    np.testing.assert_allclose(found.limit_low, found.limit_depth / (1 + 1.96 * 0.05), rtol=0.01)
 
 
 def test_the_band_shrinks_with_the_covariance_onto_the_limit():
