@@ -318,5 +318,6 @@ def asynchronous_lines(
 
 def _running_median(values: np.ndarray, width: int) -> np.ndarray:
     """The median of `width` neighbours around each value; at the ends, of those there are on the inner side."""
-    medians = np.median(np.lib.stride_tricks.sliding_window_view(values, width), axis=1)
+    windows = np.lib.stride_tricks.sliding_window_view(values, width)
+    medians = np.concatenate([np.median(windows[at : at + CHUNK], axis=1) for at in range(0, len(windows), CHUNK)])
     return np.pad(medians, (width // 2, len(values) - len(medians) - width // 2), mode="edge")

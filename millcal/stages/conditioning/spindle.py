@@ -97,7 +97,8 @@ def each_revolution(read: Reader, start: int, stop: int, cycle: float, fitted: n
     order = np.arange(min(K, 12) + 1)
     change = order * fitted[:, : len(order)]  # d harmonics / d angle, over j
     weight = max(float(np.sum(np.abs(change) ** 2)), 1e-300)
-    means, lead, gain, drawn = [], [], [], []
+    means, lead, gain = [], [], []
+    draws, off, square = 0, np.zeros(fitted.shape, complex), np.zeros(fitted.shape)  # about the whole cut's harmonics
     for first in range(0, revolutions, 100 * size):
         last = min(first + 100 * size, revolutions)
         found = spectra.block_harmonics(read, edges[first : last + 1], cycle, K)
@@ -108,10 +109,11 @@ def each_revolution(read: Reader, start: int, stop: int, cycle: float, fitted: n
         lead.append(along.imag)
         gain.append(across.real)
         full = (last - first) // size
-        drawn.append(found[: full * size].reshape(full, size, len(fitted), K + 1).mean(axis=1))
-    draws = np.concatenate(drawn)
-    count = len(draws)
-    variance = np.sum(np.abs(draws - draws.mean(axis=0)) ** 2, axis=0) / (count * max(count - 1, 1))
+        drawn = found[: full * size].reshape(full, size, *fitted.shape).mean(axis=1) - fitted
+        draws += full
+        off += drawn.sum(axis=0)
+        square += np.sum(np.abs(drawn) ** 2, axis=0)
+    variance = np.maximum(square / draws - np.abs(off / draws) ** 2, 0.0) / max(draws - 1, 1)
     return Revolutions(np.concatenate(means).T, variance, np.concatenate(lead), np.concatenate(gain))
 
 
