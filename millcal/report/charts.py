@@ -8,6 +8,7 @@ some dozens of small charts, and an SVG of a few kB each, the same bytes every t
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
+from itertools import pairwise
 from math import log10
 
 import numpy as np
@@ -65,7 +66,7 @@ class Span:
     start: float
     stop: float
     kind: str
-    label: str = ""  # at its top
+    label: str = ""  # above the panel, over a bracket that spans the stretch
 
 
 @dataclass(frozen=True)
@@ -111,14 +112,14 @@ class Frame:
 
     width: float = 900.0
     left: float = 58.0
-    right: float = 16.0
+    right: float = 30.0
     head: float = 26.0  # above a panel, for the ordinate's label
     foot: float = 42.0  # under the last panel, for ticks and the abscissa's label
     css: str = "wide"
 
 
-HALF = Frame(width=450.0, left=52.0, right=12.0, head=24.0, foot=38.0, css="half")
-SMALL = Frame(width=320.0, left=44.0, right=10.0, head=22.0, foot=34.0, css="small")
+HALF = Frame(width=450.0, left=52.0, right=20.0, head=25.0, foot=40.0, css="half")
+SMALL = Frame(width=320.0, left=44.0, right=16.0, head=23.0, foot=40.0, css="small")
 
 
 class _Scale:
@@ -167,7 +168,7 @@ def thin(x: np.ndarray, y: np.ndarray, most: int) -> np.ndarray:
     edges = np.linspace(0, n, most // 2 + 1).astype(int)
     filled = np.where(np.isfinite(y), y, 0.0)
     chosen = {0, n - 1}
-    for start, stop in zip(edges[:-1], edges[1:], strict=True):
+    for start, stop in pairwise(edges.tolist()):
         chosen.add(start + int(np.argmin(filled[start:stop])))
         chosen.add(start + int(np.argmax(filled[start:stop])))
     return np.array(sorted(chosen))
@@ -227,8 +228,7 @@ def _draw(item: Item, sx: _Scale, sy: _Scale, width: float, height: float) -> li
         if stop <= start:
             return []
         area = f'<rect class="span {item.kind}" x="{_number(start)}" y="0" width="{_number(stop - start)}"'
-        parts = [f'{area} height="{_number(height)}"/>']
-        return parts + ([_text((start + stop) / 2, 12, item.label, "note", "middle")] if item.label else [])
+        return [f'{area} height="{_number(height)}"/>']
     if isinstance(item, Rule):
         if item.axis == "y":
             y = float(sy(item.at))
@@ -268,7 +268,7 @@ def _end_labels(lines: Sequence[Line], sx: _Scale, sy: _Scale, height: float, x:
         if line.label and len(good):
             placed.append([float(np.clip(sy(line.y[good[-1]]), 6, height - 4)), line.label, line.kind])
     placed.sort(key=lambda entry: entry[0])
-    for before, entry in zip(placed, placed[1:], strict=False):
+    for before, entry in pairwise(placed):
         entry[0] = max(entry[0], before[0] + 15)
     over = placed[-1][0] - (height - 2) if placed else 0.0
     for entry in reversed(placed):
@@ -276,6 +276,31 @@ def _end_labels(lines: Sequence[Line], sx: _Scale, sy: _Scale, height: float, x:
             break
         entry[0] -= over
     return [_text(x, top + y + 4, label, f"series {kind}") for y, label, kind in placed]
+
+
+def _brackets(panel: Panel, sx: _Scale, frame: Frame, top: float) -> list[str]:
+    """The labels of spans above the panel, where they hide nothing, each over a bracket."""
+    parts = []
+    free = 2 + 6.5 * len(panel.label) + 8  # to the right of the panel's own label
+    inner = frame.width - frame.left - frame.right
+    for item in sorted((i for i in panel.items if isinstance(i, Span) and i.label), key=lambda span: span.start):
+        start, stop = (frame.left + float(np.clip(sx(value), 0.0, inner)) for value in (item.start, item.stop))
+        if stop - start < 1:
+            continue
+        d = f"M{_number(start)},{_number(top - 1)}v-4H{_number(stop)}v4"
+        parts.append(f'<path class="axis" d="{d}"/>')
+        middle, half = (start + stop) / 2, 3.3 * len(item.label)
+        if middle - half > free and middle + half < frame.width:
+            parts.append(_text(middle, top - 9, item.label, "note", "middle"))
+            free = middle + half + 6
+    return parts
+
+
+def symmetric_ticks(reach: float) -> list[tuple[float, str]]:
+    """Ticks at zero and at one round number to either side, within a range of plus and minus `reach`."""
+    tick = nice_ticks(0.0, 0.9 * reach, 1)[-1] or 0.5 * reach
+    values = [-tick, 0.0, tick]
+    return list(zip(values, tick_labels(values), strict=True))
 
 
 def chart(
@@ -286,6 +311,7 @@ def chart(
     label: str,
     frame: Frame | None = None,
     x_ticks: Sequence[tuple[float, str]] | None = None,
+    x_log: bool = False,
     hover: bool = False,
 ) -> str:
     """The chart as an `<svg>` element.
@@ -296,10 +322,10 @@ def chart(
     """
     frame = frame or Frame()
     inner = frame.width - frame.left - frame.right
-    sx = _Scale(x_range, (0.0, inner))
+    sx = _Scale(x_range, (0.0, inner), x_log)
     if x_ticks is None:
-        values = nice_ticks(*x_range, most=9 if frame.width > 600 else 4)
-        x_ticks = list(zip(values, tick_labels(values), strict=True))
+        values = log_ticks(*x_range) if x_log else nice_ticks(*x_range, most=9 if frame.width > 600 else 4)
+        x_ticks = list(zip(values, (log_tick_labels if x_log else tick_labels)(values), strict=True))
     columns = [(frame.left + float(sx(value)), text) for value, text in x_ticks]
     parts: list[str] = []
     top = 0.0
@@ -321,6 +347,7 @@ def chart(
         parts.append(f'<path class="axis" d="M{_number(frame.left)},{_number(top + panel.height)}h{_number(inner)}"/>')
         parts += [_text(frame.left - 6, y + 4, text, "tick", "end") for y, text in rows]
         parts.append(_text(2, top - 9, panel.label, "label"))
+        parts += _brackets(panel, sx, frame, top)
         lines = [item for item in panel.items if isinstance(item, Line)]
         parts += _end_labels(lines, sx, sy, panel.height, frame.left + inner + 6, top)
         top += panel.height
@@ -330,7 +357,9 @@ def chart(
     reading = ""
     if hover:
         reading = (
-            f' tabindex="0" data-x="{x_range[0]:.9g} {x_range[1]:.9g}"'
+            f' tabindex="0" data-x="{x_range[0]:.9g} {x_range[1]:.9g}"{" data-log" if x_log else ""}'
             f' data-box="{_number(frame.left)} {_number(frame.head)} {_number(inner)} {_number(top - frame.head)}"'
         )
-    return f'<svg class="chart {frame.css}" {size} role="img" aria-label="{escape(label)}"{reading}>{"".join(parts)}</svg>'
+    return (
+        f'<svg class="chart {frame.css}" {size} role="img" aria-label="{escape(label)}"{reading}>{"".join(parts)}</svg>'
+    )

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 
 UNKNOWN = "–"
-MINUS = "−"  # noqa: RUF001
+MINUS = "−"
 
 
 def _known(value: float | None) -> bool:
@@ -46,6 +46,17 @@ def significant(value: float | None, digits: int = 3) -> str:
 def ten_to(power: int) -> str:
     """10 to a power in raised digits: 10⁻³."""
     return "10" + str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+def nominal(value: float | None) -> str:
+    """A number that somebody has set, to six digits and without trailing zeros.
+
+    >>> nominal(0.025), nominal(12000.0), nominal(None)
+    ('0.025', '12000', '–')
+    """
+    if not _known(value) or math.isinf(value):
+        return fixed(value, 0)
+    return f"{value:.6g}".replace("-", MINUS)
 
 
 def decimals_for(spread: float, value: float = 0.0) -> int:
@@ -96,9 +107,15 @@ def nice_ticks(low: float, high: float, most: int = 6) -> list[float]:
         return [low]
     rough = span / most
     power = 10.0 ** math.floor(math.log10(rough))
-    step = next(factor * power for factor in (1, 2, 5, 10) if factor * power >= rough * (1 - 1e-9))
+    steps = [factor * power for factor in (0.2, 0.5, 1, 2, 5, 10)]
+    at = next(i for i, step in enumerate(steps) if step >= rough * (1 - 1e-9))
+    while at and math.floor(high / steps[at] + 1e-9) - math.ceil(low / steps[at] - 1e-9) < 1:  # one tick shows no scale
+        at -= 1
+    step = steps[at]
     first = math.ceil(low / step - 1e-9)
-    return [round(k * step, 12 - math.floor(math.log10(step))) for k in range(first, math.floor(high / step + 1e-9) + 1)]
+    return [
+        round(k * step, 12 - math.floor(math.log10(step))) for k in range(first, math.floor(high / step + 1e-9) + 1)
+    ]
 
 
 def log_ticks(low: float, high: float, most: int = 6) -> list[float]:

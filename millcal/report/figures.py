@@ -6,7 +6,7 @@ CutForce keeps its envelope, which is no longer than the page is wide.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from millcal.data import AXES, CutForce, Frf
 from millcal.report import charts
 from millcal.report.charts import HALF, Band, Item, Line, Panel, Rule, Span, chart, decades_of, span_of
 from millcal.report.digits import csv_number, fixed
+from millcal.report.wording import short_names
 
 TABLE_ROWS = 24  # of the table under a chart
 CSV_ROWS = 400  # of the CSV under a chart
@@ -88,10 +89,11 @@ def _envelope(low: np.ndarray, high: np.ndarray, most: int) -> tuple[np.ndarray,
 
 def overview(cuts: Sequence[CutForce]) -> list[Figure]:
     """The whole record of each cut as envelopes, with the steady part and the air cuts marked."""
-    return [_overview(cut, number) for number, cut in enumerate(cuts)]
+    short = short_names([cut.name for cut in cuts])
+    return [_overview(cut, short[cut.name], number) for number, cut in enumerate(cuts)]
 
 
-def _overview(cut: CutForce, number: int) -> Figure:
+def _overview(cut: CutForce, name: str, number: int) -> Figure:
     starts, low, high = _envelope(cut.overview_low, cut.overview_high, 440)
     time = cut.overview_time[starts]
     panels = []
@@ -100,22 +102,23 @@ def _overview(cut: CutForce, number: int) -> Figure:
         spans += [Span(*air, "air", "air" if row == 0 else "") for air in cut.air]
         y_range = span_of(low[row], high[row], include=(0.0,))
         items = [*spans, Rule(0.0, "y", "zero"), Band(time, low[row], high[row], "signal")]
-        panels.append(Panel(f"F{axis}, N", items, 56, y_range, most_ticks=3))
+        panels.append(Panel(f"F{axis}, N", items, 56, y_range, most_ticks=4))
     label = (
-        f"Force against time of cut {cut.name} in x, y and z as envelopes; steady from {cut.steady[0]:.2f} to "
+        f"Force against time of cut {name} in x, y and z as envelopes; steady from {cut.steady[0]:.2f} to "
         f"{cut.steady[1]:.2f} s, {len(cut.air)} stretches of air cut"
     )
     svg = chart(panels, x_label="time, s", x_range=(float(time[0]), float(time[-1])), label=label, frame=HALF)
     columns = [Column("time", "s", time)]
     for row, axis in enumerate(AXES):
         columns += [Column(f"F{axis} lowest", "N", low[row]), Column(f"F{axis} highest", "N", high[row])]
-    return Figure(f"overview-{number}", cut.name, "", (svg,), columns)
+    return Figure(f"overview-{number}", name, "", (svg,), columns)
 
 
 FORMS = {  # form -> (symbol, unit, factor from SI)
     "receptance": ("X/F", "µm/N", 1e6),
     "mobility": ("V/F", "(mm/s)/N", 1e3),
     "accelerance": ("A/F", "(m/s²)/N", 1.0),
+    "transmissibility": ("F/F", "N/N", 1.0),
 }
 
 
@@ -130,10 +133,10 @@ def driving_pairs(frf: Frf) -> list[tuple[int, int]]:
     return pairs or [(0, 0)]
 
 
-def _log_band(frf: Frf) -> np.ndarray:
-    """Rows of the FRF that are drawn: up to a fifth beyond the usable band."""
-    last = min(1.2 * frf.usable_band[1], float(frf.frequency[-1]))
-    shown = (frf.frequency <= last) & (frf.frequency > 0)
+def _rows_drawn(frf: Frf) -> np.ndarray:
+    """Rows of the FRF that are drawn: the usable band and a little around it, at most two decades."""
+    low, high = frf.usable_band[0] / 1.25, frf.usable_band[1] * 1.25
+    shown = (frf.frequency >= max(low, high / 100)) & (frf.frequency <= high) & (frf.frequency > 0)
     return np.flatnonzero(shown) if np.count_nonzero(shown) > 1 else np.arange(len(frf.frequency))
 
 
@@ -144,13 +147,13 @@ def driving_point(frf: Frf, output: int, given: int) -> Figure:
     sqrt(variance / 2), sd of the phase the same over the magnitude.
     """
     symbol, unit, factor = FORMS[frf.form]
-    rows = _log_band(frf)
+    rows = _rows_drawn(frf)
     frequency, value = frf.frequency[rows], frf.values[rows, output, given]
     magnitude, phase = factor * np.abs(value), np.degrees(np.angle(value))
     chosen = np.union1d(charts.thin(frequency, np.log(magnitude + 1e-300), POINTS), charts.thin(frequency, phase, 200))
     f, m, p = frequency[chosen], magnitude[chosen], phase[chosen]
     columns = [Column("frequency", "Hz", f), Column("magnitude", unit, m), Column("phase", "deg", p)]
-    magnitude_items: list[Item] = [Span(*frf.usable_band, "usable", "usable band")]
+    magnitude_items: list[Item] = [Span(*frf.usable_band, "usable")]
     phase_items: list[Item] = [Span(*frf.usable_band, "usable")]
     if frf.variance is not None:
         sd = factor * np.sqrt(np.maximum(frf.variance[rows, output, given][chosen], 0.0) / 2)
@@ -164,7 +167,7 @@ def driving_point(frf: Frf, output: int, given: int) -> Figure:
     phase_items.append(Line(f, jump, "main"))
     quarter = [(angle, fixed(angle, 0)) for angle in (-180.0, -90.0, 0.0, 90.0, 180.0)]
     panels = [
-        Panel(f"magnitude |{symbol}|, {unit}", magnitude_items, 170, decades_of(m), log=True),
+        Panel(f"magnitude |{symbol}|, {unit}", magnitude_items, 170, decades_of(m), log=True, most_ticks=8),
         Panel("phase, deg", phase_items, 84, (-190.0, 190.0), ticks=quarter),
     ]
     if frf.coherence is not None and np.isfinite(frf.coherence[rows, output, given]).any():
@@ -184,6 +187,7 @@ def driving_point(frf: Frf, output: int, given: int) -> Figure:
         panels,
         x_label="frequency, Hz",
         x_range=(float(f[0]), float(f[-1])),
+        x_log=True,
         label=label,
         frame=HALF,
         hover=True,
@@ -201,22 +205,25 @@ def cross_directions(frf: Frf) -> Figure | None:
     if not pairs:
         return None
     symbol, unit, factor = FORMS[frf.form]
-    rows = _log_band(frf)
+    rows = _rows_drawn(frf)
     frequency = frf.frequency[rows]
     kept = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), POINTS)).round().astype(int))
     columns, lines = [Column("frequency", "Hz", frequency[kept])], []
     for number, (o, i) in enumerate(pairs):
         magnitude = factor * np.abs(frf.values[rows, o, i])
-        chosen = charts.thin(frequency, np.log(magnitude + 1e-300), POINTS // 2)
+        chosen = charts.thin(frequency, np.log(magnitude + 1e-300), 300)
         name = f"{frf.outputs[o]}/{frf.inputs[i]}"
-        lines.append(Line(frequency[chosen], magnitude[chosen], f"shade{number % 6}", name))
+        lines.append(Line(frequency[chosen], magnitude[chosen], f"thin shade{number % 6}", name))
         columns.append(Column(name, unit, magnitude[kept]))
     items: list[Item] = [Span(*frf.usable_band, "usable", "usable band"), *lines]
-    panel = Panel(f"magnitude |{symbol}|, {unit}", items, 220, decades_of(*(line.y for line in lines)), log=True)
+    panel = Panel(
+        f"magnitude |{symbol}|, {unit}", items, 220, decades_of(*(line.y for line in lines)), log=True, most_ticks=8
+    )
     svg = chart(
         [panel],
         x_label="frequency, Hz",
         x_range=(float(frequency[0]), float(frequency[-1])),
+        x_log=True,
         label=f"Magnitude of the {len(pairs)} cross {frf.form}s against frequency",
         frame=charts.Frame(right=110.0),
         hover=True,
@@ -229,7 +236,9 @@ def hammer_spectrum(frf: Frf) -> Figure | None:
     """Force spectrum of the mean hit of each input; None where the record keeps none."""
     if frf.force_spectrum is None:
         return None
-    shown = frf.frequency > 0
+    shown = (frf.frequency >= frf.usable_band[1] / 80) & (frf.frequency <= 2.5 * frf.usable_band[1])
+    if np.count_nonzero(shown) < 2:
+        return None
     frequency, force = frf.frequency[shown], frf.force_spectrum[shown]
     lines = []
     for i, name in enumerate(frf.inputs):
@@ -241,12 +250,13 @@ def hammer_spectrum(frf: Frf) -> Figure | None:
     high = decades_of(*(line.y for line in lines))[1]
     items: list[Item] = [Span(*frf.usable_band, "usable", "usable band"), *lines]
     svg = chart(
-        [Panel("force spectrum |F| of the hits, N s", items, 150, (high * 2e-4, high), log=True)],
+        [Panel("force spectrum |F|, N s", items, 170, (high * 2e-4, high), log=True)],
         x_label="frequency, Hz",
         x_range=(float(frequency[0]), float(frequency[-1])),
+        x_log=True,
         label="Force spectrum of the hammer against frequency for " + ", ".join(frf.inputs),
-        frame=charts.Frame(right=80.0),
+        frame=replace(HALF, right=58.0),
         hover=True,
     )
-    caption = "Where the hammer gives little force the FRF is noise; outside the usable band it is not to be believed."
+    caption = "Spectrum of the hits. Where the hammer gives little force, the FRF is noise."
     return Figure("hammer", "Force of the hammer", caption, (svg,), columns, hint="frequency")

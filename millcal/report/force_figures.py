@@ -5,9 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from millcal.data import AXES, Coefficients, CutForce
-from millcal.report import charts
 from millcal.report.charts import (
-    HALF,
     SMALL,
     Band,
     Frame,
@@ -20,10 +18,11 @@ from millcal.report.charts import (
     Whiskers,
     chart,
     span_of,
+    symmetric_ticks,
 )
 from millcal.report.digits import fixed
 from millcal.report.figures import Column, Figure
-from millcal.report.wording import conditions_in_words, parameter
+from millcal.report.wording import conditions_in_words, parameter, short_names
 
 MOST_CUTS = 12  # shown as curves; more would be a wall of small pictures
 ANGLES = 180  # points of a curve over one revolution
@@ -74,7 +73,7 @@ def _revolution(
         under: list[Item] = [Rule(0.0, "y", "zero"), Line(degrees, left, "residual")]
         panels = [
             Panel(f"F{axis}, N", items, 118, y_ranges[row], most_ticks=4),
-            Panel("measured − modelled, N", under, 46, (-reach[row], reach[row]), most_ticks=2),
+            Panel("difference, N", under, 46, (-reach[row], reach[row]), ticks=symmetric_ticks(reach[row])),
         ]
         rms = float(np.sqrt(np.mean(residual[row] ** 2)))
         drawings.append(
@@ -84,14 +83,14 @@ def _revolution(
                 x_range=(0.0, 360.0),
                 x_ticks=[(a, fixed(a, 0)) for a in (0, 90, 180, 270, 360)],
                 frame=SMALL,
-                label=f"Force F{axis} over one revolution of cut {fit.cuts[number]}: measured, modelled and their "
+                label=f"Force F{axis} over one revolution of cut {short_names(fit.cuts)[fit.cuts[number]]}: measured, modelled and their "
                 f"difference, which has {rms:.3g} N rms",
             )
         )
         columns += [Column(f"F{axis} measured", "N", measured), Column(f"F{axis} modelled", "N", modelled)]
     return Figure(
         f"revolution-{number}",
-        fit.cuts[number],
+        short_names(fit.cuts)[fit.cuts[number]],
         conditions_in_words(fit.conditions[number]),
         drawings,
         columns,
@@ -100,10 +99,10 @@ def _revolution(
 
 
 def _last_harmonic(fit: Coefficients) -> int:
-    """The last harmonic worth drawing: above two per cent of the axis's largest somewhere, and beyond the fit's band."""
+    """The last harmonic worth drawing: above four per cent of the axis's largest somewhere, and beyond the fit's band."""
     amplitude = np.maximum(fit.measured_amplitude, fit.modelled_amplitude)[:, :, 1:]
     largest = amplitude.max(axis=(0, 2), keepdims=True)
-    tall = np.flatnonzero((amplitude > 0.02 * np.maximum(largest, 1e-300)).any(axis=(0, 1)))
+    tall = np.flatnonzero((amplitude > 0.04 * np.maximum(largest, 1e-300)).any(axis=(0, 1)))
     needed = max(2 * fit.cutter.teeth + 2, fit.band[1] + 2, int(tall[-1]) + 1 if len(tall) else 0)
     return min(needed, amplitude.shape[2], 30)
 
@@ -136,7 +135,10 @@ def harmonics(fit: Coefficients) -> Figure | None:
         ):
             amplitude = values[order, row, 1 : last + 1].T  # (harmonic, cut)
             line = np.concatenate([amplitude, np.full((last, 1), np.nan)], axis=1).ravel()
-            items += [Line(gaps, line, f"{kind} thin"), Marks(x, amplitude.ravel(), kind, shape, size=2.4)]
+            items += [
+                Line(gaps, line, f"{kind} thin"),
+                Marks(x, amplitude.ravel(), kind, shape, size=2.2 if shape == "dot" else 3.4),
+            ]
             columns.append(Column(f"F{axis} {kind}", "N", amplitude.ravel()))
         high = span_of(fit.measured_amplitude[:, row, 1:], fit.modelled_amplitude[:, row, 1:])[1]
         panels.append(Panel(f"amplitude of F{axis}, N", items, 116, (0.0, high), most_ticks=4))
@@ -173,14 +175,14 @@ def mean_force(fit: Coefficients) -> Figure:
             items.append(Line(feed[members], fit.modelled_mean[members, row], "modelled"))
             under.append(Line(feed[members], left[members, row], "residual"))
         items += [
-            Marks(feed, fit.modelled_mean[:, row], "modelled", "ring", size=3),
-            Marks(feed, fit.measured_mean[:, row], "measured", "dot", size=3),
+            Marks(feed, fit.modelled_mean[:, row], "modelled", "ring", size=4.2),
+            Marks(feed, fit.measured_mean[:, row], "measured", "dot", size=2.8),
         ]
         under.append(Marks(feed, left[:, row], "measured", "dot", size=2.5))
         reach = max(float(np.nanmax(np.abs(left[:, row]))) * 1.25, 1e-9)
         panels = [
             Panel(f"mean F{axis}, N", items, 130, span_of(fit.measured_mean[:, row], fit.modelled_mean[:, row])),
-            Panel("measured − modelled, N", under, 56, (-reach, reach), most_ticks=3),
+            Panel("difference, N", under, 56, (-reach, reach), ticks=symmetric_ticks(reach)),
         ]
         drawings.append(
             chart(
@@ -251,7 +253,9 @@ def intervals(fit: Coefficients) -> Figure | None:
                 label=f"Coefficients {', '.join(names)} in {unit} with 95 % intervals and the values of other models",
             )
         )
-        rows += [(index, float(v), float(a), float(b)) for index, v, a, b in zip(members, value, low, high, strict=True)]
+        rows += [
+            (index, float(v), float(a), float(b)) for index, v, a, b in zip(members, value, low, high, strict=True)
+        ]
     columns = [
         Column("row", "", np.arange(1.0, len(rows) + 1)),
         *(Column(name, "", np.array([row[k] for row in rows])) for k, name in ((1, "value"), (2, "low"), (3, "high"))),

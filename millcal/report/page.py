@@ -4,18 +4,25 @@ Everything drawn comes from the records; this room scales, thins and words it, a
 save. Any record may be missing: its sections are then left out. The page loads nothing from anywhere.
 """
 
+import re
 from collections.abc import Mapping, Sequence
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import Any
 
 import jinja2
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from millcal.data import Coefficients, CutForce, Frf, Modes, Notice, StabilityMap
 from millcal.report import figures, force_figures, stability_figure, tables
-from millcal.report.digits import fixed, plus_minus, significant
-from millcal.report.wording import Verdict, cutter_in_words, fit_verdict, operating_verdict, parameter, percent
+from millcal.report.digits import fixed, nominal, plus_minus, significant
+from millcal.report.wording import Verdict, cutter_in_words, fit_verdict, operating_verdict, parameter
 from millcal.units import to_shop
+
+
+def _with_indices(text: str) -> Markup:
+    """Escaped text with the indices of symbols set low: f_z, a_p, a_e, f_n."""
+    return Markup(re.sub(r"\b([af])_([zpen])\b", r"<var>\1<sub>\2</sub></var>", str(escape(text))))
+
 
 _TEMPLATES = jinja2.Environment(
     loader=jinja2.FileSystemLoader(Path(__file__).parent / "template"),
@@ -24,6 +31,7 @@ _TEMPLATES = jinja2.Environment(
     trim_blocks=True,
     lstrip_blocks=True,
 )
+_TEMPLATES.filters["indices"] = _with_indices
 
 
 def render(results: Mapping[str, Any], summary: Mapping[str, Any], provenance: Mapping[str, Any]) -> str:
@@ -105,7 +113,9 @@ def _measured(
 
 def _quality(cuts: Sequence[CutForce], frf: Frf | None) -> dict | None:
     shown = [cuts[number] for number in force_figures.cuts_shown(len(cuts))] if cuts else []
-    caption = "Lowest and highest force of every short stretch. Shaded: the steady part, which was used, and the air cuts."
+    caption = (
+        "Lowest and highest force of every short stretch. Shaded: the steady part, which was used, and the air cuts."
+    )
     if len(shown) < len(cuts):
         caption += f" {len(shown)} of {len(cuts)} cuts are drawn."
     return _section(
@@ -129,15 +139,17 @@ def _dynamics(frf: Frf | None, modes: Modes | None) -> dict | None:
     if frf is None:
         return _section("structure", "Structure", _table(tables.modes(modes)) if modes is not None else None)
     driving = [figures.driving_point(frf, output, given) for output, given in figures.driving_pairs(frf)]
+    hammer = figures.hammer_spectrum(frf)
     key = [("line main", "measured"), ("span usable", "usable band")]
     if frf.variance is not None:
         key.insert(1, ("span band-main", "95 % band"))
-    caption = "Response and hammer in one direction. Where the coherence falls under 0.9 the curve is not to be relied on."
+    caption = (
+        "Response and hammer in one direction. Where the coherence falls under 0.9 the curve is not to be relied on."
+    )
     return _section(
         "frf",
         "Frequency response",
-        _figures(driving, "Driving points", caption, "halves", key),
-        _figure(figures.hammer_spectrum(frf)),
+        _figures([*driving, hammer] if hammer else driving, "Driving points and hammer", caption, "halves", key),
         _figure(figures.cross_directions(frf)),
         _table(tables.modes(modes)) if modes is not None else None,
     )
@@ -195,7 +207,7 @@ def _subtitle(cuts: Sequence[CutForce], fit: Coefficients | None, frf: Frf | Non
     parts = []
     cutter = fit.cutter if fit is not None else cuts[0].cutter if cuts else None
     if cutter is not None:
-        parts.append(f"End mill D {significant(cutter.diameter * 1e3)} mm, {cutter.teeth} teeth")
+        parts.append(f"End mill D {nominal(cutter.diameter * 1e3)} mm, {cutter.teeth} teeth")
     n = len(cuts) or (len(fit.cuts) if fit is not None else 0)
     parts += [f"{n} cuts" if n > 1 else "1 cut"] if n else []
     if frf is not None:
@@ -225,14 +237,16 @@ def _key_numbers(fit: Coefficients | None, map_: StabilityMap | None) -> list[di
             if name[0] not in "Kkm":
                 continue
             value = plus_minus(*(float(v) / known.factor for v in (mean, low, high)))
-            numbers.append({"name": name, "value": value, "unit": known.unit.replace("1", "", 1) and known.unit, "word": ""})
+            numbers.append({"name": name, "value": value, "unit": known.unit.strip("1"), "word": ""})
     if map_ is not None:
         if map_.absolute_minimum < float("inf"):
             value = significant(map_.absolute_minimum * 1e3)
-            numbers.append({"name": "Stable at every speed", "value": value, "unit": "mm", "word": "axial depth"})
+            numbers.append(
+                {"name": "Smallest limit", "value": value, "unit": "mm", "word": "stable below it at every speed"}
+            )
         for best in map_.best[:1]:
-            depth, share = significant(best.axial_depth * 1e3), best.p_stable
-            word = f"{depth} mm" + (f", stable {percent(share)}" if share is not None else "")
+            limit, safe = best.axial_depth * 1e3, best.safe_depth
+            word = f"limit {significant(limit)} mm" if safe is None else f"safe to {significant(safe * 1e3)} mm"
             speed = fixed(to_shop(best.spindle_speed, "spindle_speed_rpm"), 0)
             numbers.append({"name": "Best speed", "value": speed, "unit": "rpm", "word": word})
     return numbers

@@ -1,5 +1,7 @@
 """The stability map: limit depth and chatter frequency against spindle speed, with what a shop wants to know marked."""
 
+from itertools import pairwise
+
 import numpy as np
 
 from millcal.data import StabilityMap
@@ -27,7 +29,7 @@ def _lobe_numbers(rpm: np.ndarray, lobe: np.ndarray, at: float, width: float) ->
     edges = [0, *change.tolist(), len(lobe)]
     room = 34.0 / width * (rpm[-1] - rpm[0])
     notes: list[Item] = []
-    for start, stop in zip(edges[:-1], edges[1:], strict=True):
+    for start, stop in pairwise(edges):
         if np.isfinite(lobe[start]) and rpm[stop - 1] - rpm[start] > room:
             notes.append(Note((rpm[start] + rpm[stop - 1]) / 2, at, f"{lobe[start]:.0f}"))
     return notes
@@ -54,7 +56,7 @@ def lobes(map_: StabilityMap) -> Figure:
     items.append(Line(n, depth, "main strong"))
     if np.isfinite(map_.absolute_minimum):
         smallest = map_.absolute_minimum * 1e3
-        items.append(Rule(smallest, "y", "limit", f"stable at every speed below {significant(smallest)} mm"))
+        items.append(Rule(smallest, "y", "limit"))
     if map_.best:
         speeds = np.array([to_shop(best.spindle_speed, "spindle_speed_rpm") for best in map_.best])
         depths = np.array([best.axial_depth * 1e3 for best in map_.best])
@@ -70,7 +72,9 @@ def lobes(map_: StabilityMap) -> Figure:
     f_range = span_of(frequency, margin=0.16)
     chatter: list[Item] = [Line(np.insert(n, jumps, np.nan), np.insert(frequency, jumps, np.nan), "main")]
     high_in_panel = f_range[1] - 0.04 * (f_range[1] - f_range[0])
-    chatter += _lobe_numbers(n, lobe, high_in_panel - 0.06 * (f_range[1] - f_range[0]), frame.width - frame.left - frame.right)
+    chatter += _lobe_numbers(
+        n, lobe, high_in_panel - 0.06 * (f_range[1] - f_range[0]), frame.width - frame.left - frame.right
+    )
     panels = [
         Panel("limit of the axial depth, mm", items, 300, (0.0, top), most_ticks=6),
         Panel("chatter frequency, Hz, and number of the lobe", chatter, 90, f_range, most_ticks=3),
@@ -85,6 +89,8 @@ def lobes(map_: StabilityMap) -> Figure:
     key = [("line main strong", "limit: stable below, chatter above"), ("span stable", "stable")]
     if map_.limit_low is not None:
         key.insert(1, ("span band-main", "95 % band of the limit"))
+    if np.isfinite(map_.absolute_minimum):
+        key.append(("line limit", f"stable at every speed below {significant(map_.absolute_minimum * 1e3)} mm"))
     if map_.best:
         key.append(("marks diamond best", "best speeds, numbered as in the table"))
     if map_.operating_point:

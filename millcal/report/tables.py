@@ -2,13 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import degrees, inf, pi
-from pathlib import PurePath
+from math import inf
 from typing import Any
 
 from millcal.data import AXES, Coefficients, CutForce, Frf, Modes, StabilityMap
-from millcal.report.digits import UNKNOWN, decimals_for, fixed, plus_minus, significant, with_interval
-from millcal.report.wording import parameter, percent
+from millcal.report.digits import UNKNOWN, decimals_for, fixed, nominal, significant, with_interval
+from millcal.report.wording import channels_in_words, parameter, percent, short_names
 from millcal.units import to_shop
 
 
@@ -36,14 +35,15 @@ def conditions(cuts: Sequence[CutForce], fit: Coefficients | None) -> Table | No
         named = [(name, c, fit.cutter.teeth) for name, c in zip(fit.cuts, fit.conditions, strict=True)]
     else:
         return None
+    short = short_names(name for name, _, _ in named)
     rows = [
         [
-            name,
+            short[name],
             fixed(_rpm(c.spindle_speed), 0),
-            significant(c.feed_per_tooth * 1e3, 4),
+            nominal(c.feed_per_tooth * 1e3),
             fixed(_rpm(c.spindle_speed) * teeth * c.feed_per_tooth * 1e3, 0),
-            significant(c.axial_depth * 1e3),
-            significant(c.radial_depth * 1e3),
+            nominal(c.axial_depth * 1e3),
+            nominal(c.radial_depth * 1e3),
             c.direction,
         ]
         for name, c, teeth in named
@@ -55,24 +55,21 @@ def conditions(cuts: Sequence[CutForce], fit: Coefficients | None) -> Table | No
 def recordings(summary: Mapping[str, Any], provenance: Mapping[str, Any]) -> Table | None:
     """The files that were read: rate, duration, sensors, and the first digits of their sha256."""
     inputs: dict[str, str] = dict(provenance.get("inputs") or {})
-    rows = []
-    for entry in summary.get("recordings") or ():
-        path = str(entry.get("path") or entry.get("name") or "")
-        digest = inputs.pop(path, None) or entry.get("sha256") or ""
-        sensors = [
-            f"{c.get('name')} ({c.get('quantity')}, {c.get('unit')}, {c.get('dof')})" for c in entry.get("channels") or ()
+    entries = list(summary.get("recordings") or ())
+    paths = [str(entry.get("path") or entry.get("name") or "") for entry in entries]
+    short = short_names([*paths, *inputs])
+    rows = [
+        [
+            short[path],
+            str(entry.get("kind") or ""),
+            nominal(entry.get("sample_rate_hz")),
+            significant(entry.get("duration_s"), 4),
+            channels_in_words(entry.get("channels") or ()),
+            (inputs.pop(path, None) or entry.get("sha256") or "")[:12],
         ]
-        rows.append(
-            [
-                str(entry.get("name") or PurePath(path).name),
-                str(entry.get("kind") or ""),
-                significant(entry.get("sample_rate_hz"), 5),
-                significant(entry.get("duration_s"), 4),
-                ", ".join(sensors),
-                digest[:12],
-            ]
-        )
-    rows += [[PurePath(path).name, "", UNKNOWN, UNKNOWN, "", digest[:12]] for path, digest in inputs.items()]
+        for path, entry in zip(paths, entries, strict=True)
+    ]
+    rows += [[short[path], "", UNKNOWN, UNKNOWN, "", digest[:12]] for path, digest in inputs.items()]
     if not rows:
         return None
     headings = ["file", "kind", "rate, Hz", "duration, s", "channels", "sha256"]
@@ -85,17 +82,18 @@ def recordings(summary: Mapping[str, Any], provenance: Mapping[str, Any]) -> Tab
 
 def synchronous(cuts: Sequence[CutForce]) -> Table:
     """How well each cut follows the spindle."""
+    short = short_names(cut.name for cut in cuts)
     rows = []
     for cut in cuts:
         decimals = decimals_for(60 * cut.spindle_frequency_sd, 60 * cut.spindle_frequency)
         duration = cut.steady[1] - cut.steady[0]
         rows.append(
             [
-                cut.name,
+                short[cut.name],
                 fixed(60 * cut.spindle_frequency, min(decimals, 3)),
                 str(cut.revolutions),
                 fixed(duration, 2),
-                significant(cut.sample_rate, 6),
+                nominal(cut.sample_rate),
                 *(fixed(100 * float(share), 2) for share in cut.synchronous_share),
                 *(significant(float(rms)) for rms in cut.asynchronous_rms),
             ]
@@ -111,13 +109,14 @@ def synchronous(cuts: Sequence[CutForce]) -> Table:
 
 def removed(cuts: Sequence[CutForce]) -> Table:
     """What conditioning took away from each cut."""
+    short = short_names(cut.name for cut in cuts)
     rows = [
         [
-            cut.name,
+            short[cut.name],
             f"{fixed(sum(stop - start for start, stop in cut.air), 2)} s" if cut.air else "none",
             *(fixed(float(value), 2) for value in cut.removed_offset),
             *(fixed(float(value), 2) for value in cut.removed_drift),
-            f"{significant(cut.lowpass, 4)} Hz" if cut.lowpass else "none",
+            f"{nominal(cut.lowpass)} Hz" if cut.lowpass else "none",
             "pulse" if cut.phase_from_pulse else "fitted",
         ]
         for cut in cuts
@@ -135,21 +134,25 @@ def removed(cuts: Sequence[CutForce]) -> Table:
 
 def peaks(cuts: Sequence[CutForce]) -> Table | None:
     """Lines of the spectrum that are no harmonics of the spindle."""
+    short = short_names(cut.name for cut in cuts)
     rows = [
-        [cut.name, peak.axis, fixed(peak.frequency, 1), significant(peak.amplitude), fixed(peak.exceeds, 1)]
+        [short[cut.name], peak.axis, fixed(peak.frequency, 1), significant(peak.amplitude), fixed(peak.exceeds, 1)]
         for cut in cuts
         for peak in cut.peaks
     ]
     headings = ("cut", "axis", "frequency, Hz", "amplitude, N", "times its surroundings")
     note = "A line that is no harmonic may be chatter, a resonance rung by every tooth, or mains."
-    return Table("Lines that are no harmonics of the spindle", headings, rows, words=(0, 1), note=note) if rows else None
+    return (
+        Table("Lines that are no harmonics of the spindle", headings, rows, words=(0, 1), note=note) if rows else None
+    )
 
 
 def hits(frf: Frf) -> Table | None:
     """Every hit of the hammer and what was found about it."""
+    short = short_names(hit.recording for hit in frf.hits)
     rows = [
         [
-            hit.recording,
+            short[hit.recording],
             str(hit.index),
             fixed(hit.onset, 3),
             significant(hit.peak, 4),
@@ -179,9 +182,7 @@ def coefficients(fit: Coefficients) -> Table:
     rows = []
     for index, name in enumerate(posterior.names):
         known = parameter(name)
-        value, low, high = (
-            float(v) / known.factor for v in (posterior.mean[index], *posterior.interval[index])
-        )
+        value, low, high = (float(v) / known.factor for v in (posterior.mean[index], *posterior.interval[index]))
         sd = float(max(posterior.covariance[index, index], 0.0) ** 0.5) / known.factor
         centre, lowest, highest = with_interval(value, low, high)
         doubt = "not told from zero" if low < 0 < high else ""
@@ -215,8 +216,9 @@ def alternatives(fit: Coefficients) -> Table | None:
 
 def agreement(fit: Coefficients) -> Table:
     """How far the model is from the force, per axis."""
-    rows = [["R²", *(fixed(float(v), 4) for v in fit.r2)]]
-    rows.append(["residual, N rms", *(significant(float(v)) for v in fit.residual_rms)])
+    of_means = " of the mean forces" if fit.posterior.method == "average" else ""
+    rows = [[f"R²{of_means}", *(fixed(float(v), 4) for v in fit.r2)]]
+    rows.append([f"residual{of_means}, N rms", *(significant(float(v)) for v in fit.residual_rms)])
     low, high = fit.band
     band = f"harmonics {low} to {high}" if high else "band of the fit"
     for values, words in (
@@ -234,8 +236,9 @@ def left_out(fit: Coefficients) -> Table | None:
     """Each cut predicted from the others."""
     if fit.left_out_by_cut is None:
         return None
+    short = short_names(fit.cuts)
     rows = [
-        [name, significant(float(feed) * 1e3, 4), *(fixed(float(v), 3) for v in ratios)]
+        [short[name], nominal(float(feed) * 1e3), *(fixed(float(v), 3) for v in ratios)]
         for name, feed, ratios in zip(fit.cuts, fit.feed_per_tooth, fit.left_out_by_cut, strict=True)
     ]
     note = "Residual over AC rms when the cut is predicted from the others; below 0.15 is good, 1 is no better than the mean."
@@ -252,27 +255,30 @@ def best_speeds(map_: StabilityMap) -> Table | None:
             fixed(best.axial_depth * 1e3, 2),
             significant(to_shop(best.removal_rate, "removal_rate_cm3_per_min")),
             percent(best.p_stable),
+            fixed(None if best.safe_depth is None else best.safe_depth * 1e3, 2),
         ]
         for number, best in enumerate(map_.best, 1)
     ]
-    headings = ("", "speed, rpm", "a_p, mm", "removal rate, cm³/min", "stable with probability")
-    note = "" if any(best.p_stable is not None for best in map_.best) else "No band is known, so no probability."
+    headings = ("", "speed, rpm", "limit a_p, mm", "removal rate, cm³/min", "p stable", "safe a_p, mm")
+    note = "Removal rate and probability are those at the limit. Safe: stable with 97.5 %, as far as coefficients and FRF go."
+    if all(best.p_stable is None for best in map_.best):
+        note = "No band is known, so neither a probability nor a safe depth."
     return Table("Best speeds", headings, rows, note=note) if rows else None
 
 
 def map_facts(map_: StabilityMap) -> list[tuple[str, str]]:
     """What the map was made for, as pairs of what and how much."""
-    width = "slot" if map_.direction == "slot" else f"{significant(map_.radial_depth * 1e3)} mm, {map_.direction} milling"
+    width = "slot" if map_.direction == "slot" else f"{nominal(map_.radial_depth * 1e3)} mm, {map_.direction} milling"
     smallest = "none found" if map_.absolute_minimum == inf else f"{significant(map_.absolute_minimum * 1e3)} mm"
     facts = [
         ("method", {"zoa": "zero-order"}.get(map_.method, map_.method)),
-        ("cutter", f"D {significant(map_.diameter * 1e3)} mm, {map_.teeth} teeth"),
+        ("cutter", f"D {nominal(map_.diameter * 1e3)} mm, {map_.teeth} teeth"),
         ("radial depth", width),
         ("smallest limit", f"{smallest}, chatter at {significant(map_.absolute_minimum_frequency, 4)} Hz"),
     ]
     if map_.operating_point is not None:
         speed, depth = map_.operating_point
-        facts.append(("operating point", f"{fixed(_rpm(speed), 0)} rpm, {significant(depth * 1e3)} mm"))
+        facts.append(("operating point", f"{fixed(_rpm(speed), 0)} rpm, {nominal(depth * 1e3)} mm"))
         if map_.operating_p_stable is not None:
             facts.append(("stable there with", percent(map_.operating_p_stable)))
     return facts
@@ -284,16 +290,16 @@ def expected(summary: Mapping[str, Any]) -> Table | None:
     for entry in summary.get("expect") or ():
         wanted = entry.get("interval") or (None, None)  # an interval, or how a text begins
         if not isinstance(wanted, str):
-            wanted = f"{significant(wanted[0], 6)} to {significant(wanted[1], 6)}"
+            wanted = f"{nominal(wanted[0])} to {nominal(wanted[1])}"
         value = entry.get("value")
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
         rows.append(
             [
                 str(entry.get("key", "")),
-                significant(value, 6) if number else str(value) if value is not None else UNKNOWN,
+                nominal(value) if number else str(value) if value is not None else UNKNOWN,
                 wanted,
                 "✓ yes" if entry.get("ok") else "✕ no",
             ]
         )
-    headings = ("key", "value", "expected", "inside")
+    headings = ("key", "value", "expected", "met")
     return Table("What the recipe expects", headings, rows, words=(0, 3)) if rows else None

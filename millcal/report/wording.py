@@ -1,10 +1,13 @@
 """What the report calls things: parameters with their units, conditions of a cut, and verdicts in plain words."""
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import degrees
+from pathlib import PurePath
+from typing import Any
 
 from millcal.data import Coefficients, Cutter, CuttingConditions, StabilityMap
-from millcal.report.digits import fixed, significant
+from millcal.report.digits import fixed, nominal, significant, with_interval
 from millcal.units import to_shop
 
 
@@ -53,19 +56,19 @@ DIRECTIONS = {"up": "up milling", "down": "down milling", "slot": "slot"}
 
 def conditions_in_words(c: CuttingConditions) -> str:
     """The conditions of a cut in one line, shop-floor units."""
-    width = "slot" if c.direction == "slot" else f"a_e {significant(c.radial_depth * 1e3)} mm {c.direction}"
+    width = "slot" if c.direction == "slot" else f"a_e {nominal(c.radial_depth * 1e3)} mm {c.direction}"
     return (
-        f"{to_shop(c.spindle_speed, 'spindle_speed_rpm'):.0f} rpm, f_z {significant(c.feed_per_tooth * 1e3)} mm, "
-        f"a_p {significant(c.axial_depth * 1e3)} mm, {width}"
+        f"{to_shop(c.spindle_speed, 'spindle_speed_rpm'):.0f} rpm, f_z {nominal(c.feed_per_tooth * 1e3)} mm, "
+        f"a_p {nominal(c.axial_depth * 1e3)} mm, {width}"
     )
 
 
 def cutter_in_words(cutter: Cutter) -> list[tuple[str, str]]:
     """The cutter as pairs of what and how much."""
     facts = [
-        ("diameter", f"{significant(cutter.diameter * 1e3, 4)} mm"),
+        ("diameter", f"{nominal(cutter.diameter * 1e3)} mm"),
         ("teeth", str(cutter.teeth)),
-        ("helix", f"{fixed(degrees(cutter.helix), 1)}°"),
+        ("helix", f"{nominal(degrees(cutter.helix))}°"),
     ]
     if cutter.pitch is not None:
         facts.append(("pitch", ", ".join(f"{fixed(degrees(pitch), 1)}°" for pitch in cutter.pitch)))
@@ -113,22 +116,46 @@ def operating_verdict(map_: StabilityMap) -> Verdict | None:
     if map_.operating_point is None:
         return None
     speed, depth = map_.operating_point
-    place = f"{to_shop(speed, 'spindle_speed_rpm'):.0f} rpm and {significant(depth * 1e3)} mm"
-    p = map_.operating_p_stable
+    place = f"{to_shop(speed, 'spindle_speed_rpm'):.0f} rpm and {nominal(depth * 1e3)} mm"
+    limit, interval, p = map_.operating_limit, map_.operating_limit_interval, map_.operating_p_stable
+    said = []
+    if limit is not None and limit != float("inf"):
+        text = f"The limit there is {significant(limit * 1e3)} mm"
+        if interval is not None:
+            value, low, high = with_interval(limit * 1e3, *(bound * 1e3 for bound in interval))
+            text = f"The limit there is {value} mm, with 95 % between {low} and {high} mm"
+        said.append(text + ".")
     if p is not None:
-        share = f"probability of a stable cut {percent(p)}"
-        if p >= 0.95:
-            return _said("good", f"Stable at {place}", share)
-        if p <= 0.05:
-            return _said("bad", f"Chatter at {place}", share)
-        return _said("part", f"On the edge at {place}", share)
-    if not map_.spindle_speed[0] <= speed <= map_.spindle_speed[-1]:
+        said.append(f"Probability of a stable cut: {percent(p)}.")
+        level = "good" if p >= 0.95 else "bad" if p <= 0.05 else "part"
+    elif limit is None:
         return None
-    nearest = int(abs(map_.spindle_speed - speed).argmin())
-    limit = float(map_.limit_depth[nearest])
-    if depth < limit:
-        return _said("good", f"Stable at {place}", f"the limit there is {significant(limit * 1e3)} mm; no band is known")
-    return _said("bad", f"Chatter at {place}", f"the limit there is {significant(limit * 1e3)} mm; no band is known")
+    else:
+        said.append("No band is known.")
+        level = "good" if depth < limit else "bad"
+    head = {"good": "Stable", "part": "Stable or not: too close to tell", "bad": "Chatter"}[level]
+    return _said(level, f"{head} at {place}", " ".join(said))
+
+
+def short_names(names: Iterable[str]) -> dict[str, str]:
+    """Each file's name without its folder, as long as no two files share it.
+
+    >>> short_names(["cuts/a.csv", "cuts/b.csv"])["cuts/a.csv"], short_names(["1/a.csv", "2/a.csv"])["1/a.csv"]
+    ('a.csv', '1/a.csv')
+    """
+    full = list(dict.fromkeys(names))
+    last = [PurePath(name).name or name for name in full]
+    return {name: short if last.count(short) == 1 else name for name, short in zip(full, last, strict=True)}
+
+
+def channels_in_words(channels: Iterable[Mapping[str, Any]]) -> str:
+    """What was recorded: the directions of each quantity with its unit."""
+    kinds: dict[str, list[str]] = {}
+    for channel in channels:
+        unit = str(channel.get("unit") or "").replace("^2", "²")
+        kind = f"{str(channel.get('quantity') or 'channel').replace('_', ' ')}{', ' + unit if unit else ''}"
+        kinds.setdefault(kind, []).append(str(channel.get("dof") or channel.get("name") or ""))
+    return "; ".join(f"{kind}: {' '.join(dofs)}" for kind, dofs in kinds.items())
 
 
 def percent(share: float | None) -> str:

@@ -109,7 +109,9 @@ def coefficients(cuts) -> Coefficients:
         checks=(
             Check("asynchronous power", True, "at most 1.9 % of the power does not follow the spindle"),
             Check("contact loss", False, "2 c0 = 22 µm is more than half of the smallest feed per tooth, 25 µm"),
-            Check("harmonics above tooth passing", False, "k = 4 and 6 are 3 to 9 times the model's and grow with feed"),
+            Check(
+                "harmonics above tooth passing", False, "k = 4 and 6 are 3 to 9 times the model's and grow with feed"
+            ),
         ),
         feed_per_tooth=np.array(FEEDS),
         measured_mean=np.real(measured[:, :, 0]) + np.array([3.0, -1.0, 2.0]),
@@ -123,7 +125,9 @@ def coefficients(cuts) -> Coefficients:
         r2=np.array([0.865, 0.9967, 0.787]),
         in_sample=np.array([0.15, 0.17, 0.70]),
         left_out=np.array([0.17, 0.19, 0.77]),
-        left_out_by_cut=np.array([[0.3, 0.32, 0.6], [0.12, 0.13, 0.7], [0.1, 0.12, 0.8], [0.15, 0.16, 0.8], [0.2, 0.2, 0.9]]),
+        left_out_by_cut=np.array(
+            [[0.3, 0.32, 0.6], [0.12, 0.13, 0.7], [0.1, 0.12, 0.8], [0.15, 0.16, 0.8], [0.2, 0.2, 0.9]]
+        ),
         in_sample_wide=np.array([0.49, 0.64, 0.85]),
         left_out_wide=np.array([0.49, 0.65, 0.85]),
         phase=np.array([0.1, 1.2, 2.3, -0.4, 3.0]),
@@ -170,7 +174,9 @@ def frf() -> Frf:
         hits_used=(6, 5),
         usable_band=(60.0, 1600.0),
         hits=hits,
-        notices=(Notice("low-coherence", "coherence below 0.9 between 1700 and 2000 Hz; hit harder or with a harder tip"),),
+        notices=(
+            Notice("low-coherence", "coherence below 0.9 between 1700 and 2000 Hz; hit harder or with a harder tip"),
+        ),
     )
 
 
@@ -193,8 +199,8 @@ def stability() -> StabilityMap:
         frequency[lower] = np.interp(rpm, speed[order], chatter[order])[lower]
         lobe[lower], best[lower] = k, limit[lower]
     speeds = tuple(
-        BestSpeed(n * 2 * np.pi / 60, a * 1e-3, n * 2 * a * 1e-3 * 25e-3 * 1e-4 / 60, p)
-        for n, a, p in ((12400, 2.9, 0.93), (9300, 2.1, 0.97), (7400, 1.5, None))
+        BestSpeed(n * 2 * np.pi / 60, a * 1e-3, n * 2 * a * 1e-3 * 25e-3 * 1e-4 / 60, p, 0.8e-3 * a)
+        for n, a, p in ((9400, 8.9, 0.43), (6310, 6.6, 0.47), (4720, 5.2, None))
     )
     return StabilityMap(
         spindle_speed=rpm * 2 * np.pi / 60,
@@ -214,6 +220,8 @@ def stability() -> StabilityMap:
         best=speeds,
         operating_point=(SPEED, 1.2e-3),
         operating_p_stable=0.42,
+        operating_limit=1.19e-3,
+        operating_limit_interval=(0.92e-3, 1.51e-3),
         notices=(Notice("zero-order", "at a radial depth below a tenth of the diameter use another method"),),
     )
 
@@ -221,10 +229,11 @@ def stability() -> StabilityMap:
 @pytest.fixture(scope="session")
 def summary() -> dict:
     return {
-        "title": "Slot series in aluminium <AlMg3> & \"friends\"",
+        "title": 'Slot series in aluminium <AlMg3> & "friends"',
         "warnings": [{"code": "data", "message": "the rows are fewer than the header says", "where": "f300.txt"}],
         "expect": [
             {"key": "coefficients.Ktc_N_per_mm2", "value": 893.2, "interval": [690, 720], "ok": False},
+            {"key": "verdict", "value": "does not fit", "interval": "does not fit", "ok": True},
             {"key": "stability.best.0.rpm", "value": 12400, "interval": [12000, 13000], "ok": True},
         ],
         "recordings": [

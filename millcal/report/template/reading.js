@@ -13,7 +13,8 @@
     const figure = svg.closest("figure");
     const output = figure.querySelector("output");
     const [left, top, width, height] = svg.dataset.box.split(" ").map(Number);
-    const [from, to] = svg.dataset.x.split(" ").map(Number);
+    const scale = "log" in svg.dataset ? Math.log : (value) => value;
+    const [from, to] = svg.dataset.x.split(" ").map((end) => scale(Number(end)));
     output.textContent = "Point at the chart, or focus it and use the arrow keys, to read values.";
     let names, rows, at = 0;
     const cursor = document.createElementNS("http://www.w3.org/2000/svg", "path");
@@ -28,7 +29,7 @@
     const show = (index) => {
       at = Math.max(0, Math.min(rows.length - 1, index));
       const row = rows[at];
-      const x = left + ((row[0] - from) / (to - from)) * width;
+      const x = left + ((scale(row[0]) - from) / (to - from)) * width;
       cursor.setAttribute("d", "M" + x.toFixed(1) + "," + top + "v" + height);
       output.textContent = row.map((value, k) => {
         const shown = Number.isFinite(value) ? String(Number(value.toPrecision(4))).replace("-", "\u2212") : "\u2013";
@@ -41,7 +42,7 @@
       const unit = svg.viewBox.baseVal.width / box.width;
       const x = from + (((event.clientX - box.left) * unit - left) / width) * (to - from);
       let best = 0;
-      rows.forEach((row, k) => { if (Math.abs(row[0] - x) < Math.abs(rows[best][0] - x)) best = k; });
+      rows.forEach((row, k) => { if (Math.abs(scale(row[0]) - x) < Math.abs(scale(rows[best][0]) - x)) best = k; });
       show(best);
     });
     svg.addEventListener("keydown", (event) => {
