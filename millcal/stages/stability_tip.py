@@ -18,6 +18,8 @@ from millcal.physics.stability import zero_order
 from millcal.physics.stability.zero_order import Limit
 
 FEWEST_LINES = 8  # of an FRF in its usable band: fewer are no curve
+KNOWN_LINE = 0.2  # a line says something where its standard deviation is at most this share of it,
+KNOWN_ENOUGH = 0.05  # or this share of the resonance, so that what it may hide is twenty times stiffer
 TOLERATED_POWER = 0.1  # a driving point may give back this share of its largest absorption before it is told
 
 Solver = Callable[[np.ndarray, np.ndarray], Limit]  # spindle speed (speed,), cutting matrix (2, 2) -> limit
@@ -68,6 +70,11 @@ def _of_lines(frf: Frf, teeth: int, rigid: str) -> Tip:
     point, places = _driving_points(frf)
     notices = _missing_axes(set(places), rigid, f"frf {point}")
     lines = tip_receptance(frf, frf.usable_band)
+    low = max((_lowest_known(lines, "xy".index(axis), f"{point}{axis.upper()}") for axis in places), default=0.0)
+    if lines.count and low > lines.frequency[0]:
+        what = f"below {low:.0f} Hz the receptance is noise, so chatter there is not looked for"
+        notices.append(Notice("low-frequency-noise", what, f"frf {point}"))
+        lines = tip_receptance(frf, (low, frf.usable_band[1]))
     if lines.count < FEWEST_LINES:
         low, high = frf.usable_band
         raise IllPosedError(
@@ -77,7 +84,7 @@ def _of_lines(frf: Frf, teeth: int, rigid: str) -> Tip:
     notices += [*lines.notices, *_absorbs_power(lines, sorted(places), point)]
     tip = zero_order.dynamics_of_lines(lines.frequency, lines.values)
     spacing = float(np.median(np.diff(lines.frequency)))
-    above = tip_receptance(frf, (frf.usable_band[0], np.inf))
+    above = tip_receptance(frf, (lines.frequency[0], np.inf))
     beyond = zero_order.dynamics_of_lines(above.frequency, above.values) if above.count > lines.count else None
 
     def inverse_sd(speed: np.ndarray, cutting: np.ndarray, limit: Limit) -> np.ndarray:
@@ -143,6 +150,25 @@ def tip_receptance(frf: Frf, band: tuple[float, float]) -> Lines:
         else:
             notices.append(Notice("variance-unknown", "the FRF's variance has gaps, so the band leaves it out", where))
     return Lines(frequency, values, variance, tuple(notices))
+
+
+def _lowest_known(lines: Lines, i: int, dof: str) -> float:
+    """Where the receptance of a driving point begins to be known, Hz.
+
+    An accelerance says little at low frequency, and over w^2 its noise becomes the softest mode of all, with lobes of its
+    own. So the lines count from the last stretch of unknown ones below the strongest resonance that is known.
+    """
+    if lines.variance is None or lines.count < FEWEST_LINES:
+        return 0.0
+    size, sd = np.abs(lines.values[:, i, i]), np.sqrt(lines.variance[:, i, i])
+    known = sd <= KNOWN_LINE * size
+    if not known.any():
+        raise IllPosedError(f"frf {dof}/{dof}: the receptance is noise at every line; hit harder or more often")
+    peak = int(np.argmax(np.where(known, size, 0.0)))
+    unknown = ~known & (sd > KNOWN_ENOUGH * size[peak])
+    around = np.convolve(unknown, np.ones(5), mode="same") > 2  # a single bad line, of the mains say, is none
+    last = np.flatnonzero(around[:peak])
+    return float(lines.frequency[last[-1] + 1]) if len(last) else 0.0
 
 
 def _driving_points(frf: Frf) -> tuple[str, dict[str, tuple[int, int]]]:

@@ -275,6 +275,28 @@ def test_limits_whose_chatter_lies_outside_the_usable_band_are_not_shown_and_tha
     assert np.all(narrow.limit_depth >= inside.limit_depth * (1 - 1e-6))
 
 
+def test_noise_of_an_accelerance_at_low_frequency_makes_no_lobes_of_its_own():
+    """White noise on the accelerance is 1 / w^2 on the receptance: at 10 Hz a hundred times the softest mode."""
+    rng = np.random.default_rng(0)
+    frf = measured(form="accelerance", low=2.0)
+    sd = 0.005 * np.abs(frf.values).max()
+    error = rng.standard_normal(frf.values.shape) + 1j * rng.standard_normal(frf.values.shape)
+    noisy = replace(frf, values=frf.values + sd / np.sqrt(2) * error, variance=np.full(frf.values.shape, sd**2))
+    found = map_stability(noisy, (KTC, KRC), **CUT, points=100, rng=rng)
+    exact = map_stability(MODES, (KTC, KRC), **CUT, points=100)
+    assert "low-frequency-noise" in codes(found)
+    assert "low-frequency-noise" not in codes(map_stability(frf, (KTC, KRC), **CUT, points=10))
+    assert np.median(np.abs(found.limit_depth / exact.limit_depth - 1)) < 0.05
+    assert found.chatter_frequency.min() > 200
+    assert np.mean((found.limit_low <= exact.limit_depth) & (exact.limit_depth <= found.limit_high)) > 0.9
+
+
+def test_an_frf_of_noise_alone_is_refused():
+    frf = measured(noise=0.01, rng=np.random.default_rng(0))
+    with pytest.raises(IllPosedError, match="tipX/tipX: the receptance is noise"):
+        map_stability(replace(frf, variance=np.abs(frf.values) ** 2), (KTC, KRC), **CUT)
+
+
 def test_an_frf_with_hardly_any_line_in_its_usable_band_is_refused():
     with pytest.raises(IllPosedError, match="usable band"):
         map_stability(replace(measured(), usable_band=(500.0, 504.0)), (KTC, KRC), **CUT)
