@@ -453,6 +453,6 @@ def test_a_long_recording_never_lies_in_memory():
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 110e6
-    assert on_disk.largest <= 1 << 18
+    assert on_disk.largest <= 1 << 17
     assert result.spindle_frequency == pytest.approx(SPINDLE, rel=1e-8)
     assert np.abs(result.harmonics[:, :11] - c).max() < 0.05

@@ -13,7 +13,7 @@ Note = Callable[[str, str], None]  # code and sentence of a notice
 Span = tuple[float, float]  # s
 Samples = tuple[int, int]  # start, stop
 
-WHOLE_RECORD = 1 << 21  # samples that may stay in memory at once; of a longer record, blocks of an eighth
+WHOLE_RECORD = 1 << 21  # samples that may stay in memory at once; of a longer record, blocks of a sixteenth
 
 
 def stated_frequency(recording: Recording, where: str) -> float:
@@ -60,7 +60,7 @@ def read_forces(recording: Recording, rows: list[int], offset: np.ndarray, drift
 
 def block_size(length: int) -> int:
     """Samples to hold at once of a record of this length."""
-    return length if length <= WHOLE_RECORD else WHOLE_RECORD // 8
+    return length if length <= WHOLE_RECORD else WHOLE_RECORD // 16
 
 
 def offset_line(

@@ -12,6 +12,7 @@ from millcal.stages.conditioning.forces import Note, Samples, Span, block_size
 
 OVERVIEW_POINTS = 2000
 AIR_REVOLUTIONS = 5  # fewer do not carry an offset
+EVEN = 0.003  # of the level: strengths this near to it are the same
 
 
 class Survey(NamedTuple):
@@ -25,39 +26,51 @@ class Survey(NamedTuple):
 
 
 def survey_record(read: Reader, length: int, samples_per_revolution: float) -> Survey:
-    """AC rms of every revolution, which knows no offset and no drift, and the envelope of the whole record."""
-    edges = np.rint(np.arange(0, length + 0.5, samples_per_revolution)).astype(np.int64)
-    edges = edges[edges <= length]
-    turns = len(edges)  # the last is a part of a revolution
-    total, square = np.zeros((3, turns)), np.zeros((3, turns))
+    """AC rms of every revolution, which knows no offset and no drift, and the envelope of the whole record.
+
+    A sample on the border of two revolutions is shared between them, or else the strength of a perfectly steady cut would
+    swing with the number of samples in a revolution.
+    """
+    exact = np.minimum(np.arange(0, length + 0.5, samples_per_revolution), length)
+    edges = np.rint(exact).astype(np.int64)
+    moments = np.zeros((2, 3, len(edges)))  # sum and sum of squares; the last is a part of a revolution
     width = max(1, -(-length // OVERVIEW_POINTS))
     low, high = [], []
     level: np.ndarray | None = None
     size = max(1, block_size(length) // width) * width
     for start in range(0, length, size):
-        y = read(start, min(start + size, length))
-        bins = np.arange(0, y.shape[1], width)
+        before = min(start, 1)  # one sample of the block before, for the borders
+        y = read(start - before, min(start + size, length))
+        bins = np.arange(before, y.shape[1], width)
         low.append(np.fmin.reduceat(y, bins, axis=1))
         high.append(np.fmax.reduceat(y, bins, axis=1))
         if level is None:  # near the mean, so that a large offset costs no digits
-            level = np.nan_to_num(np.nanmedian(y[:, :1000], axis=1) if np.isfinite(y[:, :1000]).any() else 0.0)
-            level = np.broadcast_to(level, 3)[:, np.newaxis]
+            level = _finite_level(y[:, :1000])
         y = y - level
-        inner = edges[(edges > start) & (edges < start + y.shape[1])]
-        cuts = np.concatenate([[start], inner])
+        powers = np.stack([y, y**2])
+        borders = np.flatnonzero((edges >= max(start, 1)) & (edges < start - before + y.shape[1]))
+        cuts = np.unique(np.concatenate([[start], edges[borders]]))
         turn = np.searchsorted(edges, cuts, "right") - 1
-        total[:, turn] += np.add.reduceat(y, cuts - start, axis=1)
-        square[:, turn] += np.add.reduceat(y**2, cuts - start, axis=1)
-    count = np.diff(edges)
-    power = square[:, :-1] / count - (total[:, :-1] / count) ** 2
+        moments[:, :, turn] += np.add.reduceat(powers, cuts - start + before, axis=2)
+        late = exact[borders] - edges[borders]  # share of the sample after the border that belongs before it; < 0: back
+        at = edges[borders] - start + before - (late < 0)
+        moments[:, :, borders] -= late * powers[:, :, at]
+        moments[:, :, borders - 1] += late * powers[:, :, at]
+    mean, square = moments[:, :, :-1] / np.diff(exact)
     middle = np.minimum(np.arange(0, length, width) + (width - 1) / 2, length - 1)
     return Survey(
         edges,
-        np.sqrt(np.maximum(power, 0.0).sum(axis=0)),
+        np.sqrt(np.maximum(square - mean**2, 0.0).sum(axis=0)),
         middle,
         np.concatenate(low, axis=1),
         np.concatenate(high, axis=1),
     )
+
+
+def _finite_level(y: np.ndarray) -> np.ndarray:
+    """About the mean of each row, 0 where nothing is a number.   returns (row, 1)"""
+    finite = np.isfinite(y)
+    return np.where(finite, y, 0.0).sum(axis=1, keepdims=True) / np.maximum(finite.sum(axis=1, keepdims=True), 1)
 
 
 def densest_half(values: np.ndarray) -> tuple[float, float]:
@@ -101,7 +114,7 @@ def steady_samples(recording: Recording, steady: Span | None, survey: Survey, wh
             )
         stop = min(stop, n)
     else:
-        first, last = _steady_revolutions(survey.strength, where, note)
+        first, last = _steady_revolutions(survey, where, note)
         start, stop = int(survey.edges[first]), int(survey.edges[last])
         if last == len(survey.strength):
             stop = n
@@ -109,13 +122,14 @@ def steady_samples(recording: Recording, steady: Span | None, survey: Survey, wh
     return start, stop
 
 
-def _steady_revolutions(strength: np.ndarray, where: str, note: Note) -> Samples:
+def _steady_revolutions(survey: Survey, where: str, note: Note) -> Samples:
     """Revolutions of the steady cut.
 
     The level of the cut is the densest half of what exceeds half of the strongest, found a second time without ramps and
-    air. A long ramp still has a flat foot inside the band about that level: about as many revolutions as
-    it takes from nine tenths of the level to the band are left out beside it.
+    air. A long ramp still has a flat foot inside the band about that level: about as many revolutions as it takes from nine
+    tenths of the level to the band are left out beside it.
     """
+    strength = survey.strength
     usable = np.isfinite(strength)
     if usable.sum() < 2:
         raise RecordingError(
@@ -125,9 +139,12 @@ def _steady_revolutions(strength: np.ndarray, where: str, note: Note) -> Samples
     inside = usable & (strength > 0.5 * np.quantile(strength[usable], 0.95))
     if not inside.any():
         raise RecordingError(f"{where}: the forces never change; check the channels named in the map")
+    even = max(
+        EVEN, 10.0 / float(np.diff(survey.edges).mean()) ** 2
+    )  # what few samples in a revolution leave to chance
     for spreads in (4.0, 5.0):
         level, spread = densest_half(strength[inside])
-        near = usable & (np.abs(strength - level) <= max(spreads * spread, 0.02 * level))
+        near = usable & (np.abs(strength - level) <= max(spreads * spread, even * level))
         runs = stretches(near, bridge=3)
         first, last = longest(runs)
         inside = np.zeros_like(usable)
