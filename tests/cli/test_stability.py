@@ -1,17 +1,21 @@
 """`millcal stability` from files to a map: the contract of its JSON, its refusals, and the same bytes twice."""
 
 import json
+import os
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from millcal.cli import main
 from millcal.cli.stability import METHODS, _round_points
-from millcal.data import Frf, Modes, StabilityMap
+from millcal.data import Coefficients, Frf, Modes, Posterior, StabilityMap
 from millcal.io.results import read_result, write_result
+from millcal.physics.cutter import Cutter, CuttingConditions
 from millcal.physics.structure import Mode, receptance
 from millcal.stages import stability as stage
 
+RPM = 2 * np.pi / 60
 SETUP = """
 [cutter]
 diameter_mm = 20
@@ -171,3 +175,87 @@ def test_a_map_has_400_speeds_or_more_at_a_round_step(span):
     assert step / 10 ** np.floor(np.log10(step) + 1e-9) == pytest.approx(
         round(step / 10 ** np.floor(np.log10(step) + 1e-9))
     )
+
+
+def coefficients_record(verdict="fits"):
+    """Coefficients of two cuts at two feeds, with the arrays that a map does not look at left small."""
+    cutter = Cutter(diameter=20e-3, teeth=3)
+    conditions = tuple(CuttingConditions(8000 * RPM, feed, 1e-3, 10e-3, "up") for feed in (0.1e-3, 0.2e-3))
+    known = Posterior(
+        names=("Ktc", "Krc"),
+        units=("N/m^2", "N/m^2"),
+        mean=np.array([600e6, 42e6]),
+        covariance=np.diag([20e6, 10e6]) ** 2,
+        interval=np.array([[560e6, 640e6], [22e6, 62e6]]),
+        law="linear-edge",
+        method="average",
+    )
+    means, waves = np.zeros((2, 3)), np.zeros((2, 3, 4))
+    return Coefficients(
+        posterior=known, cutter=cutter, conditions=conditions, cuts=("one", "two"), verdict=verdict, checks=(),
+        feed_per_tooth=np.array([0.1e-3, 0.2e-3]), measured_mean=means, modelled_mean=means, angle=np.zeros(4),
+        measured=waves, modelled=waves, measured_amplitude=waves, modelled_amplitude=waves,
+        residual_rms=np.zeros(3), r2=np.ones(3),
+    )  # fmt: skip
+
+
+def test_a_file_of_coefficients_brings_cutter_conditions_and_a_band(run, tmp_path):
+    """Everything the cuts agree in need not be said again; of the feeds the highest; a bad verdict is passed on."""
+    write_result(tmp_path / "c.h5", coefficients_record("does not fit: drift"), provenance={})
+    (tmp_path / "modes.toml").write_text(STRUCTURE)
+    code, out, err = run("--coefficients", "c.h5", "--setup", "modes.toml", "-o", "map.h5", "--json")
+    result = json.loads(out)["result"]
+    assert code == 0
+    assert (result["teeth"], result["direction"], result["radial_depth_mm"]) == (3, "up", 10)
+    assert result["feed_per_tooth_mm"] == pytest.approx(0.2)
+    assert result["operating_point"]["rpm"] == pytest.approx(8000)
+    assert 0 < result["operating_point"]["p_stable"] < 1
+    low, high = result["operating_point"]["limit_ap_mm_ci95"]
+    assert low < 1.0954 < high
+    assert [result["limit"][i]["rpm"] for i in (0, -1)] == pytest.approx([2000, 16_000])
+    assert "does not fit: drift" in err
+
+
+CASE = Path(os.environ.get("MILLCAL_REFERENCE_DATA", "")) / "cases" / "frf" / "04_B_med"
+
+
+@pytest.mark.skipif(not CASE.is_dir(), reason="reference data are absent: MILLCAL_REFERENCE_DATA names their folder")
+def test_an_impact_test_with_known_truth_gives_the_limit_of_the_truth(run, tmp_path, capsys):
+    """From noisy hits to the map: within 0.5 % at half of the speeds, 3 % at nineteen of twenty, the band mostly right."""
+    with pytest.raises(SystemExit):
+        main(["frf", *(str(CASE / f"tap_tip{axis}.h5") for axis in "XYZ"), "-o", "frf.h5", "--quiet"])
+    capsys.readouterr()
+    truth = np.load(CASE / "truth.npz")
+    frequency = np.arange(1.0, 6000.0, 0.5)
+    shapes = truth["phi"][[list(truth["dofs"]).index(dof) for dof in ("tipX", "tipY")]]
+    w, wn = 2 * np.pi * frequency[:, None], 2 * np.pi * truth["fn"]
+    values = np.einsum("om,im,fm->foi", shapes, shapes, 1 / (wn**2 - w**2 + 2j * truth["zeta"] * wn * w))
+    known = Frf(
+        frequency=frequency, values=values, form="receptance", estimator="truth", outputs=("tipX", "tipY"),
+        inputs=("tipX", "tipY"), hits_used=(1, 1), usable_band=(1.0, 6000.0),
+    )  # fmt: skip
+    write_result(tmp_path / "truth.h5", known, provenance={})
+    maps = []
+    for name in ("frf.h5", "truth.h5"):
+        code, _, _ = run(
+            "--ktc",
+            "700",
+            "--krc",
+            "200",
+            "--frf",
+            name,
+            "--setup",
+            "cutter.toml",
+            "--rpm",
+            "2000",
+            "12000",
+            "-o",
+            "map.h5",
+        )
+        assert code == 0
+        maps.append(read_result(tmp_path / "map.h5", StabilityMap))
+    measured, true = maps
+    error = np.abs(measured.limit_depth / true.limit_depth - 1)
+    assert np.median(error) < 0.005
+    assert np.quantile(error, 0.95) < 0.03
+    assert np.mean((measured.limit_low <= true.limit_depth) & (true.limit_depth <= measured.limit_high)) > 0.85
