@@ -98,6 +98,10 @@ def choose_channels(
         full_scale = None if full_scale is None else abs(full_scale * gain)
         chosen.append((row, gain, Channel(name, quantity, unit, dof, full_scale), sign))
     left_out = [c.name for i, c in enumerate(columns) if i != time and i not in {row for row, *_ in chosen}]
+    clocks = [c.name for i, c in enumerate(columns) if i != time and is_time(c.name, c.unit) and c.name in left_out]
+    if not mapping and time is not None and clocks:
+        message = f"a further time column is left out, one is enough: {', '.join(clocks)}"
+        notices.append(Notice("columns-left-out", message, where))
     if mapping and left_out:
         message = f"columns that the map does not name are left out: {', '.join(left_out)}"
         notices.append(Notice("columns-left-out", message, where))
@@ -169,7 +173,10 @@ def _wanted(
         mapped = {name for name, *_ in wanted}
         wanted += [(name, None, 1.0, row) for row, name in renamed.items() if name not in mapped and row != time]
     else:
-        rows = [row for row in range(len(columns)) if row != time]
+        clocks = [
+            row for row, c in enumerate(columns) if row == time or c.quantity == "time" or is_time(c.name, c.unit)
+        ]
+        rows = [row for row in range(len(columns)) if row in renamed or row not in clocks]
         wanted = [(renamed.get(row, columns[row].name), None, 1.0, row) for row in rows]
     return wanted
 

@@ -103,3 +103,9 @@ def test_a_torque_beside_the_forces_is_left_out_with_a_word():
     selection = chosen((*DYNO, Column("Mz", "Nm")))
     assert len(selection.channels) == 3
     assert "'Mz' in Nm is left out" in selection.notices[0].message
+
+
+def test_a_second_time_column_is_left_out_with_a_word():
+    selection = chosen((Column("Time 1", "s"), Column("Fx", "N"), Column("Time 2", "s"), Column("Fy", "N")))
+    assert (selection.time, selection.rows, selection.problems) == (0, (1, 3), ())
+    assert "Time 2" in selection.notices[0].message

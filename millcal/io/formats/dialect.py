@@ -8,6 +8,7 @@ import codecs
 import csv
 import re
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -45,13 +46,13 @@ class Dialect:
     written: tuple[str, ...]  # header cells as they stand
     kinds: tuple[str, ...]  # of each column: number, clock, text
     preamble: tuple[str, ...]  # the lines above the header
-    old_mac: bool = False  # lines end in CR alone
+    lone_returns: bool = False  # some lines end in CR alone
     notices: tuple[Notice, ...] = ()
 
     @property
     def recodes(self) -> bool:
         """Whether the bytes must be decoded before they can be cut into lines."""
-        return self.old_mac or self.encoding.startswith("utf-16")
+        return self.lone_returns or self.encoding.startswith("utf-16")
 
 
 def sniff_dialect(path: Path, head: bytes, layout: TextTable) -> Dialect:
@@ -61,7 +62,7 @@ def sniff_dialect(path: Path, head: bytes, layout: TextTable) -> Dialect:
     """
     encoding = _known_encoding(path, layout.encoding) if layout.encoding else sniff_encoding(path, head)
     text = head.decode(encoding, errors="replace").lstrip("\ufeff")
-    old_mac = "\n" not in text and "\r" in text
+    lone_returns = re.search(r"\r(?!\n|$)", text) is not None
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     if len(head) >= HEAD and len(lines) > 1:
         lines.pop()  # cut by the end of the look
@@ -104,7 +105,7 @@ def sniff_dialect(path: Path, head: bytes, layout: TextTable) -> Dialect:
         written=tuple(written),
         kinds=kinds[:kept] + ("text",) * (width - kept),
         preamble=tuple(line for line in above[: len(above) - used] if line.strip()),
-        old_mac=old_mac,
+        lone_returns=lone_returns,
         notices=tuple(notices),
     )
 
@@ -148,7 +149,8 @@ def split(line: str, delimiter: str) -> list[str]:
     if delimiter == WHITESPACE:
         return line.split()
     if '"' in line:
-        return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
+        with suppress(csv.Error):  # quotes that hold nothing together stay in their cells
+            return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
     return [cell.strip() for cell in line.split(delimiter)]
 
 
