@@ -33,6 +33,7 @@ from millcal.io.formats.hdf5 import (
 from millcal.io.formats.source import Column, Progress, Source
 from millcal.io.keys import ChannelTable, Hdf5Table
 
+RESULT = "millcal-result"
 _MOST_LISTED = 200
 _STATE = "name the datasets in a setup ([hdf5] sample_rate, [channels.fx] dataset) and pass it with --setup"
 
@@ -52,6 +53,8 @@ def open_source(path: Path, setup: Any = None) -> Source:
         details = {"datasets": listing}
         if not wanted:
             held = f"HDF5, but no recording of millcal, with {len(listing)} datasets"
+            if text_of(file.attrs.get("format", "")) == RESULT:
+                held = f"a result of millcal ({text_of(file.attrs.get('record', 'several'))}), and no recording"
             return Source(
                 path, "hdf5", (), lambda progress: iter(()), rows=0, details=details, missing=(f"{held}; {_STATE}",)
             )
