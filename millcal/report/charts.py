@@ -46,6 +46,7 @@ class Marks:
     shape: str = "dot"
     labels: Sequence[str] = ()
     size: float = 3.5
+    below: bool = False  # the labels stand below the points
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,13 +251,15 @@ def _draw(item: Item, sx: _Scale, sy: _Scale, width: float, height: float) -> li
         )
         return [f'<path class="whisker {item.kind}" d="{d}"/>'] if d else []
     x, y = sx(item.x), sy(item.y)
-    good = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+    good = np.flatnonzero((x >= -0.5) & (x <= width + 0.5) & (y >= -0.5) & (y <= height + 0.5))
     shapes = "".join(_mark(float(x[i]), float(y[i]), item.shape, item.size) for i in good)
     parts = [f'<g class="marks {item.shape} {item.kind}">{shapes}</g>'] if shapes else []
     for i in good[: len(item.labels)]:
         text, a = item.labels[i], float(x[i])
         anchor = "start" if a < 6 * len(text) / 2 else "end" if a > width - 6 * len(text) / 2 else "middle"
-        parts.append(_text(a, float(y[i]) - item.size - 5, text, "note strong", anchor))
+        parts.append(
+            _text(a, float(y[i]) + (item.size + 14 if item.below else -item.size - 5), text, "note strong", anchor)
+        )
     return parts
 
 
@@ -342,9 +345,13 @@ def chart(
         grid += "".join(f"M{_number(x)},{_number(top)}v{_number(panel.height)}" for x, _ in columns)
         parts.append(f'<path class="grid" d="{grid}"/>')
         box = f'x="{_number(frame.left)}" y="{_number(top)}" width="{_number(inner)}" height="{_number(panel.height)}"'
-        drawn = [piece for item in panel.items for piece in _draw(item, sx, sy, inner, panel.height)]
-        parts.append(f"<svg {box}>{''.join(drawn)}</svg>")
+        drawn = [(item, "".join(_draw(item, sx, sy, inner, panel.height))) for item in panel.items]
+        cut_off = "".join(text for item, text in drawn if not isinstance(item, Marks))
+        parts.append(f"<svg {box}>{cut_off}</svg>")
         parts.append(f'<path class="axis" d="M{_number(frame.left)},{_number(top + panel.height)}h{_number(inner)}"/>')
+        whole = "".join(text for item, text in drawn if isinstance(item, Marks))  # a mark on the rim is not cut in half
+        if whole:
+            parts.append(f'<g transform="translate({_number(frame.left)} {_number(top)})">{whole}</g>')
         parts += [_text(frame.left - 6, y + 4, text, "tick", "end") for y, text in rows]
         parts.append(_text(2, top - 9, panel.label, "label"))
         parts += _brackets(panel, sx, frame, top)

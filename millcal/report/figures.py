@@ -19,6 +19,8 @@ from millcal.report.wording import short_names
 TABLE_ROWS = 24  # of the table under a chart
 CSV_ROWS = 400  # of the CSV under a chart
 POINTS = 700  # of a line across the page
+MOST_CROSS = 6  # lines that an eye can follow
+ENVELOPE = 240  # stretches of a whole record, about as many as its picture has columns to show
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +96,7 @@ def overview(cuts: Sequence[CutForce]) -> list[Figure]:
 
 
 def _overview(cut: CutForce, name: str, number: int) -> Figure:
-    starts, low, high = _envelope(cut.overview_low, cut.overview_high, 440)
+    starts, low, high = _envelope(cut.overview_low, cut.overview_high, ENVELOPE)
     time = cut.overview_time[starts]
     panels = []
     for row, axis in enumerate(AXES):
@@ -107,7 +109,7 @@ def _overview(cut: CutForce, name: str, number: int) -> Figure:
         f"Force against time of cut {name} in x, y and z as envelopes; steady from {cut.steady[0]:.2f} to "
         f"{cut.steady[1]:.2f} s, {len(cut.air)} stretches of air cut"
     )
-    svg = chart(panels, x_label="time, s", x_range=(float(time[0]), float(time[-1])), label=label, frame=HALF)
+    svg = chart(panels, x_label="time, s", x_range=(min(0.0, float(time[0])), float(time[-1])), label=label, frame=HALF)
     columns = [Column("time", "s", time)]
     for row, axis in enumerate(AXES):
         columns += [Column(f"F{axis} lowest", "N", low[row]), Column(f"F{axis} highest", "N", high[row])]
@@ -120,6 +122,9 @@ FORMS = {  # form -> (symbol, unit, factor from SI)
     "accelerance": ("A/F", "(m/s²)/N", 1.0),
     "transmissibility": ("F/F", "N/N", 1.0),
 }
+
+
+_PHASE_MIDDLE = {"receptance": -90.0, "mobility": 0.0, "accelerance": 90.0, "transmissibility": 0.0}  # deg
 
 
 def _direction(dof: str) -> str:
@@ -149,7 +154,8 @@ def driving_point(frf: Frf, output: int, given: int) -> Figure:
     symbol, unit, factor = FORMS[frf.form]
     rows = _rows_drawn(frf)
     frequency, value = frf.frequency[rows], frf.values[rows, output, given]
-    magnitude, phase = factor * np.abs(value), np.degrees(np.angle(value))
+    middle = _PHASE_MIDDLE[frf.form]  # the branch is cut opposite to where a driving point can be
+    magnitude, phase = factor * np.abs(value), middle + np.degrees(np.angle(value * np.exp(-1j * np.radians(middle))))
     chosen = np.union1d(charts.thin(frequency, np.log(magnitude + 1e-300), POINTS), charts.thin(frequency, phase, 200))
     f, m, p = frequency[chosen], magnitude[chosen], phase[chosen]
     columns = [Column("frequency", "Hz", f), Column("magnitude", unit, m), Column("phase", "deg", p)]
@@ -162,13 +168,12 @@ def driving_point(frf: Frf, output: int, given: int) -> Figure:
         magnitude_items.append(Band(f, low, high, "main"))
         phase_items.append(Band(f, p - turn, p + turn, "main"))
         columns[2:2] = [Column("magnitude low", unit, low), Column("magnitude high", unit, high)]
-    jump = np.where(np.abs(np.diff(p, prepend=p[0])) > 180, np.nan, p)  # no stroke across the wrap at 180 deg
     magnitude_items.append(Line(f, m, "main"))
-    phase_items.append(Line(f, jump, "main"))
-    quarter = [(angle, fixed(angle, 0)) for angle in (-180.0, -90.0, 0.0, 90.0, 180.0)]
+    phase_items.append(Line(f, p, "main"))
+    quarter = [(angle, fixed(angle, 0)) for angle in (middle - 90.0, middle, middle + 90.0)]
     panels = [
         Panel(f"magnitude |{symbol}|, {unit}", magnitude_items, 170, decades_of(m), log=True, most_ticks=8),
-        Panel("phase, deg", phase_items, 84, (-190.0, 190.0), ticks=quarter),
+        Panel("phase, deg", phase_items, 84, (middle - 135.0, middle + 135.0), ticks=quarter),
     ]
     if frf.coherence is not None and np.isfinite(frf.coherence[rows, output, given]).any():
         coherence = frf.coherence[rows, output, given]
@@ -199,9 +204,9 @@ def driving_point(frf: Frf, output: int, given: int) -> Figure:
 
 
 def cross_directions(frf: Frf) -> Figure | None:
-    """Magnitudes of what is no driving point, each beside the others; None where there is nothing else."""
-    driving = set(driving_pairs(frf))
-    pairs = [(o, i) for i in range(len(frf.inputs)) for o in range(len(frf.outputs)) if (o, i) not in driving]
+    """Magnitudes across the directions of the driving points; None where there is only one."""
+    driving = driving_pairs(frf)
+    pairs = [(o, i) for _, i in driving for o, _ in driving if (o, i) not in driving][:MOST_CROSS]
     if not pairs:
         return None
     symbol, unit, factor = FORMS[frf.form]
@@ -250,7 +255,7 @@ def hammer_spectrum(frf: Frf) -> Figure | None:
     high = decades_of(*(line.y for line in lines))[1]
     items: list[Item] = [Span(*frf.usable_band, "usable", "usable band"), *lines]
     svg = chart(
-        [Panel("force spectrum |F|, N s", items, 170, (high * 2e-4, high), log=True)],
+        [Panel("|F|, N s", items, 170, (high * 2e-4, high), log=True)],
         x_label="frequency, Hz",
         x_range=(float(frequency[0]), float(frequency[-1])),
         x_log=True,

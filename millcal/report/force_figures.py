@@ -59,6 +59,7 @@ def _revolution(
     y_ranges: Sequence[tuple[float, float]],
     reach: Sequence[float],
 ) -> Figure:
+    name = short_names(fit.cuts)[fit.cuts[number]]
     step = max(1, len(fit.angle) // ANGLES)
     kept = np.arange(0, len(fit.angle), step)
     degrees = np.degrees(fit.angle[kept])
@@ -83,14 +84,14 @@ def _revolution(
                 x_range=(0.0, 360.0),
                 x_ticks=[(a, fixed(a, 0)) for a in (0, 90, 180, 270, 360)],
                 frame=SMALL,
-                label=f"Force F{axis} over one revolution of cut {short_names(fit.cuts)[fit.cuts[number]]}: measured, modelled and their "
+                label=f"Force F{axis} over one revolution of cut {name}: measured, modelled and their "
                 f"difference, which has {rms:.3g} N rms",
             )
         )
         columns += [Column(f"F{axis} measured", "N", measured), Column(f"F{axis} modelled", "N", modelled)]
     return Figure(
         f"revolution-{number}",
-        short_names(fit.cuts)[fit.cuts[number]],
+        name,
         conditions_in_words(fit.conditions[number]),
         drawings,
         columns,
@@ -260,7 +261,7 @@ def intervals(fit: Coefficients) -> Figure | None:
         Column("row", "", np.arange(1.0, len(rows) + 1)),
         *(Column(name, "", np.array([row[k] for row in rows])) for k, name in ((1, "value"), (2, "low"), (3, "high"))),
     ]
-    key = [("marks dot measured", f"{posterior.method} with its 95 % interval")]
+    key = [("marks dot measured", "this fit, with its 95 % interval")]
     key += [(f"marks {SHAPES[i]} shade{i + 1}", name) for i, (name, _) in enumerate(others)]
     caption = "An interval that holds zero does not tell the coefficient from zero. Marks far from the dot: the model matters."
     return Figure("intervals", "What the data say about each coefficient", caption, drawings, columns, key, "halves")

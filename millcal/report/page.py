@@ -174,14 +174,18 @@ def _force(fit: Coefficients | None, cuts: Sequence[CutForce]) -> dict | None:
     )
 
 
+_METHODS = {"nls": "fitted to the force within the revolution (nls)", "average": "fitted to the mean forces (average)"}
+
+
 def _coefficients(fit: Coefficients | None) -> dict | None:
     if fit is None:
         return None
-    law = {"linear-edge": "linear-edge law", "kienzle": "Kienzle law"}.get(fit.posterior.law, fit.posterior.law)
+    law = {"linear-edge": "Linear-edge law", "kienzle": "Kienzle law"}.get(fit.posterior.law, fit.posterior.law)
+    method = _METHODS.get(fit.posterior.method, fit.posterior.method)
     return _section(
         "coefficients",
         "Cutting coefficients",
-        {"kind": "text", "text": f"{law}, method {fit.posterior.method}, {len(fit.cuts)} cuts."},
+        {"kind": "text", "text": f"{law}, {method}, {len(fit.cuts)} cut{'s' if len(fit.cuts) > 1 else ''}."},
         _table(tables.coefficients(fit)),
         _figure(force_figures.intervals(fit)),
         {"kind": "checks", "title": "Checks of the fit", "checks": fit.checks} if fit.checks else None,
@@ -264,4 +268,10 @@ def _warnings(summary: Mapping[str, Any], records: Sequence[Any]) -> list[Notice
 
 def _provenance(provenance: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Versions and seed; inputs and recipe stand apart."""
-    return [(name, str(value)) for name, value in provenance.items() if name not in ("inputs", "recipe")]
+    facts: list[tuple[str, str]] = []
+    for name, value in provenance.items():
+        if isinstance(value, Mapping) and name != "inputs":
+            facts += [(str(key), str(item)) for key, item in value.items()]
+        elif name not in ("inputs", "recipe"):
+            facts.append((name, str(value)))
+    return facts

@@ -64,7 +64,7 @@ def lobes(map_: StabilityMap) -> Figure:
     if map_.operating_point:
         speed = to_shop(map_.operating_point[0], "spindle_speed_rpm")
         at = np.array([map_.operating_point[1] * 1e3])
-        items.append(Marks(np.array([speed]), at, "operating", "cross", ["operating point"], size=5.5))
+        items.append(Marks(np.array([speed]), at, "operating", "cross", ["operating point"], size=5.5, below=True))
     columns += [Column("chatter frequency", "Hz", frequency), Column("lobe", "", lobe)]
     frame = Frame()
     split = np.concatenate([[False], np.diff(lobe) != 0])
