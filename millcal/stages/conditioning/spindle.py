@@ -103,7 +103,7 @@ def each_revolution(read: Reader, start: int, stop: int, cycle: float, fitted: n
         last = min(first + 100 * size, revolutions)
         found = spectra.block_harmonics(read, edges[first : last + 1], cycle, K)
         found = found * np.exp(-2j * np.pi * np.arange(K + 1) * ((edges[first] - start) * cycle % 1.0))
-        means.append(found[:, :, 0].real)
+        means.append(found[:, :, 0].real.copy())  # a view would keep every harmonic in memory
         along = np.sum(change.conj() * found[:, :, : len(order)], axis=(1, 2)) / weight
         across = np.sum(change.conj() * (order * found[:, :, : len(order)]), axis=(1, 2)) / weight
         lead.append(along.imag)
