@@ -59,9 +59,22 @@ def reply(
     else:
         typer.echo(text)
     if not quiet:
-        for notice in notices:
-            place = f"{notice.where}: " if notice.where else ""
-            typer.echo(f"warning: {place}{notice.message} [{notice.code}]", err=True)
+        for line in _grouped(notices):
+            typer.echo(f"warning: {line}", err=True)
+
+
+def _grouped(notices: Iterable) -> list[str]:
+    """One line for a notice that several places share."""
+    places: dict[tuple[str, str], list[str]] = {}
+    for notice in notices:
+        places.setdefault((notice.code, notice.message), []).append(notice.where)
+    lines = []
+    for (code, message), where in places.items():
+        named = [place for place in where if place]
+        place = named[0] if named else ""
+        more = f" (and {len(named) - 1} more)" if len(named) > 1 else ""
+        lines.append(f"{place}{more}{': ' if place else ''}{message} [{code}]")
+    return lines
 
 
 def pairs(items: Iterable[str] | None, option: str) -> dict[str, str]:

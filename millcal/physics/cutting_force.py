@@ -159,7 +159,13 @@ def edge_harmonics(
     """
     harmonics = wind.shape[1] - 1
     lag = cutter.tooth_lag()
-    lo, hi, slope, height, psi, place, count = [], [], [], [], [], [], []
+    lo: list[float] = []
+    hi: list[float] = []
+    slope: list[float] = []
+    height: list[float] = []
+    psi: list[float] = []
+    place: list[int] = []
+    count: list[int] = []
     for i in range(offsets.shape[1]):
         for a, b, tooth_lag in zip(*chip_lines(cutter, feed_per_tooth, offsets[:, i]), lag, strict=True):
             for piece in contact_pieces(a, b, *span):
@@ -211,7 +217,7 @@ def force_basis(
     span = engagement(conditions, cutter.diameter)
     depth = conditions.axial_depth
     full_lag = float(cutter.helix_lag(np.array(depth)))
-    s, w = np.polynomial.legendre.leggauss(8 + math.ceil(full_lag * (harmonics + 1) / 2))
+    s, w = np.polynomial.legendre.leggauss(5 + math.ceil(full_lag * (harmonics + 1) / 2))
     height, width = depth * (s + 1) / 2, depth * w / 2
     offsets = radial_offset(cutter, height) if offset is None else offset(height)
     wind = np.exp(-1j * np.outer(cutter.helix_lag(height), np.arange(harmonics + 1))) * width[:, np.newaxis]

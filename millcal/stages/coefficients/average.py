@@ -1,15 +1,16 @@
 """Cutting coefficients from the mean forces of cuts at several feeds: linear-edge law, any immersion.
 
-The mean force over whole revolutions is linear in the six coefficients, and runout leaves it alone as long as every tooth
-stays in contact [Altintas, Manufacturing Automation, sec. 2.8.1; for a slot eq. 2.55]. When a tooth loses contact at the
-small feeds, the mean bends; one more unknown, the runout c0 that it takes, then describes the bend.
+The mean force over whole revolutions is linear in the six coefficients [Altintas, Manufacturing Automation, sec. 2.8.1; for
+a slot eq. 2.55]. Runout shares the same chip out unequally, so the cutting part of the mean stays; but a tooth that is out
+of the cut has no edge force, and where the chip goes to nothing (both ends of a slot) any runout takes a tooth out. What is
+missing depends on the feed, the mean bends, and one more unknown, the runout c0 that it takes, describes the bend.
 
 The intervals come from the scatter of the cuts about the model. What the noise within a record would give is 10 to 40
 times narrower and says nothing of the model.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,6 +36,7 @@ class MeanForceFit:
     modelled: np.ndarray  # (cut, axis), N
     residual: np.ndarray  # (cut, axis), N
     squared_sum: float  # N^2
+    interval: np.ndarray  # 95 %, (6 or 7, low and high)
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,9 @@ class ContactLoss:
     ratio: float  # of the sums of squares, with over without
     f_value: float  # nominal F of the one unknown
     explains: bool
+
+
+NO_CONTACT_LOSS = ContactLoss(0.0, 1.0, 0.0, False)
 
 
 def mean_forces(cuts: Sequence[CutForce], rows: str) -> np.ndarray:
@@ -64,64 +69,77 @@ def mean_force_matrix(cuts: Sequence[CutForce], runout: float) -> np.ndarray:
     return np.stack(blocks)
 
 
-def solve_means(
-    cuts: Sequence[CutForce], forces: np.ndarray, runout: float, *, fitted_runout: bool = False
-) -> MeanForceFit:
+def solve_means(cuts: Sequence[CutForce], forces: np.ndarray, runout: float) -> MeanForceFit:
     """Least squares of the mean forces at one runout, with the covariance from the scatter of the cuts.
 
     The residuals of one cut in x, y and z are taken as correlated and the cuts as independent; each axis has two unknowns
-    of its own (one line), so that n cuts leave n - 2 degrees of freedom. For five slots these are the intervals of three
-    straight lines. With the runout fitted its column joins the matrix, linearised.
+    of its own (one line), so that n cuts leave n - 2 degrees of freedom. For slots these are the intervals of three
+    straight lines.
 
-    forces : (cut, axis) N
+    forces : (cut, axis) N   runout : c0, m
     """
     matrix = mean_force_matrix(cuts, runout)
     n = len(cuts)
     theta = solve_linear(matrix.reshape(-1, 6), forces.ravel())
     modelled = matrix @ theta
     residual = forces - modelled
-    dof, columns = float(n - 2), matrix
-    if fitted_runout:
-        step = 1e-8
-        slope = (mean_force_matrix(cuts, runout + step) - mean_force_matrix(cuts, max(runout - step, 0.0))) @ theta
-        columns = np.concatenate([matrix, (slope / (runout + step - max(runout - step, 0.0)))[..., np.newaxis]], axis=2)
-        dof = n - 7 / 3
-    if dof > 0:
-        spread = residual.T @ residual / dof
-        scale = np.linalg.norm(columns.reshape(-1, columns.shape[2]), axis=0)
-        scale = np.where(scale > 0, scale, 1.0)
-        inverse = np.linalg.pinv((columns / scale).reshape(-1, columns.shape[2])).reshape(columns.shape[2], n, 3)
-        covariance = np.einsum("pci,ij,qcj->pq", inverse, spread, inverse) / np.outer(scale, scale)
-    else:
-        covariance = np.full((columns.shape[2],) * 2, np.nan)
-    return MeanForceFit(theta, covariance, dof, runout, modelled, residual, float(np.sum(residual**2)))
+    covariance = np.full((6, 6), np.nan)
+    if n > 2:
+        scale = np.linalg.norm(matrix.reshape(-1, 6), axis=0)
+        inverse = np.linalg.pinv(matrix.reshape(-1, 6) / scale).reshape(6, n, 3) / scale[:, np.newaxis, np.newaxis]
+        covariance = np.einsum("pci,ij,qcj->pq", inverse, residual.T @ residual / (n - 2), inverse)
+    half = student_quantile(n - 2) * np.sqrt(np.diag(covariance))
+    interval = np.stack([theta - half, theta + half], axis=1)
+    return MeanForceFit(theta, covariance, n - 2.0, runout, modelled, residual, float(np.sum(residual**2)), interval)
 
 
 def search_contact_loss(cuts: Sequence[CutForce], forces: np.ndarray) -> tuple[MeanForceFit, ContactLoss]:
     """The runout c0 whose contact loss explains most of what the straight line leaves.
 
     The fit with that runout, and whether it is worth its unknown (F > 5). Only the amount of contact loss is determined by
-    the means; its shape is not (a taper does as well), so c0 here is an effective number.
+    the means; its shape is not (a taper does as well), so c0 here is an effective number. The sum of squares is far from a
+    parabola in c0, so the intervals are profiles: a value of a coefficient belongs to the interval if some c0 with it comes
+    within t^2 / dof of the smallest sum of squares [Bates & Watts 1988, sec. 6.1].
     """
     from scipy.optimize import minimize_scalar
 
-    def squares(c0: float) -> float:
-        return solve_means(cuts, forces, c0).squared_sum
-
-    grid = np.linspace(0.0, LARGEST_RUNOUT, 61)
-    level = [squares(c0) for c0 in grid]
-    plain = level[0]
+    grid = np.linspace(0.0, LARGEST_RUNOUT, 121)
+    fits = [solve_means(cuts, forces, c0) for c0 in grid]
+    level = np.array([fit.squared_sum for fit in fits])
     i = int(np.argmin(level))
     found = minimize_scalar(
-        squares, bounds=(grid[max(i - 1, 0)], grid[min(i + 1, 60)]), method="bounded", options={"xatol": 1e-9}
+        lambda c0: solve_means(cuts, forces, c0).squared_sum,
+        bounds=(grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)]),
+        method="bounded",
+        options={"xatol": 1e-9},
     )
-    c0 = float(found.x) if found.fun < plain else 0.0
-    fit = solve_means(cuts, forces, c0, fitted_runout=c0 > 0)
+    fit = solve_means(cuts, forces, float(found.x)) if found.fun < level[0] else fits[0]
     free = 3 * len(cuts) - 7
-    noise = max(fit.squared_sum, 1e-12 * float(np.sum(forces**2)))
-    f_value = (plain - fit.squared_sum) / (noise / free) if free > 0 else 0.0
-    ratio = fit.squared_sum / plain if plain > 0 else 1.0
-    return fit, ContactLoss(c0, ratio, f_value, c0 > 0 and f_value > 5.0 and plain > 1e-10 * float(np.sum(forces**2)))
+    force_squares = float(np.sum(forces**2))
+    smallest = max(fit.squared_sum, 1e-12 * force_squares)
+    allowed = smallest * (1 + student_quantile(free) ** 2 / free) if free > 0 else np.inf
+    low, high = np.full(7, np.inf), np.full(7, -np.inf)
+    for trial in [*fits, fit]:
+        if trial.squared_sum > allowed:
+            continue
+        matrix = mean_force_matrix(cuts, trial.runout).reshape(-1, 6)
+        scale = np.linalg.norm(matrix, axis=0)
+        unit = np.diag(np.linalg.pinv((matrix / scale).T @ (matrix / scale))) / scale**2
+        half = np.append(np.sqrt(unit * (allowed - trial.squared_sum)), 0.0)
+        value = np.append(trial.coefficients, trial.runout)
+        low, high = np.minimum(low, value - half), np.maximum(high, value + half)
+    spread = (high - low) / 2 / student_quantile(free)
+    correlation = np.eye(7)
+    if np.all(np.isfinite(fit.covariance)):
+        sd = np.sqrt(np.diag(fit.covariance))
+        correlation[:6, :6] = fit.covariance / np.outer(sd, sd)
+    fit = replace(
+        fit, covariance=correlation * np.outer(spread, spread), dof=float(free), interval=np.stack([low, high], axis=1)
+    )
+    f_value = (level[0] - fit.squared_sum) / (smallest / free) if free > 0 else 0.0
+    ratio = fit.squared_sum / level[0] if level[0] > 0 else 1.0
+    explains = fit.runout > 0 and f_value > 5.0 and level[0] > 1e-10 * force_squares
+    return fit, ContactLoss(fit.runout, ratio, f_value, explains)
 
 
 def check_feeds(cuts: Sequence[CutForce]) -> None:
@@ -140,16 +158,14 @@ def check_feeds(cuts: Sequence[CutForce]) -> None:
 
 
 def posterior_of(fit: MeanForceFit) -> Posterior:
-    """Mean, covariance and Student's interval of the six coefficients (and c0 where it was fitted)."""
-    with_runout = len(fit.covariance) == 7
-    mean = np.append(fit.coefficients, fit.runout) if with_runout else fit.coefficients
-    half = student_quantile(fit.dof) * np.sqrt(np.diag(fit.covariance))
+    """The six coefficients (and c0 where it was fitted) with covariance and interval."""
+    with_runout = len(fit.interval) == 7
     return Posterior(
         names=(*NAMES, "c0") if with_runout else NAMES,
         units=(*UNITS, "m") if with_runout else UNITS,
-        mean=mean,
+        mean=np.append(fit.coefficients, fit.runout) if with_runout else fit.coefficients,
         covariance=fit.covariance,
-        interval=np.stack([mean - half, mean + half], axis=1),
+        interval=fit.interval,
         law="linear-edge",
         method="average",
         dof=fit.dof if fit.dof > 0 else np.inf,
@@ -251,7 +267,8 @@ def curvature_notice(forces: np.ndarray, residual: np.ndarray, cuts: Sequence[Cu
     bent = residual - powers @ curve
     level = np.sqrt(np.sum(bent**2, axis=0) / (len(u) - 3) * np.linalg.inv(powers.T @ powers)[2, 2])
     found = [
-        f"F{axis} {'concave' if curve[2, i] * np.sign(forces[:, i].mean()) < 0 else 'convex'} ({np.abs(residual[:, i]).max():.2g} N)"
+        f"F{axis} {'concave' if curve[2, i] * np.sign(forces[:, i].mean()) < 0 else 'convex'} "
+        f"({np.abs(residual[:, i]).max():.2g} N)"
         for i, axis in enumerate(AXES)
         if abs(curve[2, i]) > 4 * level[i] and np.abs(residual[:, i]).max() > 0.005 * np.abs(forces[:, i]).max()
     ]

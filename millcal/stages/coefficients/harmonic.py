@@ -15,7 +15,7 @@ from millcal.errors import IllPosedError
 from millcal.numerics.jackknife import jackknife_covariance
 from millcal.numerics.separable_least_squares import solve_linear
 from millcal.physics.cutting_force import Kienzle
-from millcal.stages.coefficients.average import mean_forces, search_contact_loss
+from millcal.stages.coefficients.average import mean_forces, solve_means
 from millcal.stages.coefficients.harmonic_model import (
     LARGEST_RUNOUT,
     HarmonicFit,
@@ -47,14 +47,11 @@ class HarmonicStudy:
 
 def start_coefficients(cuts: Sequence[CutForce]) -> np.ndarray:
     """Linear-edge coefficients to start from: of the mean forces where these make sense, else a guess.   returns (6,)"""
-    try:
-        found, loss = search_contact_loss(cuts, mean_forces(cuts, "whole-revolutions"))
-    except (np.linalg.LinAlgError, ZeroDivisionError):
-        return GUESS
-    del loss
     feeds = [cut.conditions.feed_per_tooth for cut in cuts]
-    sound = np.all(np.isfinite(found.coefficients)) and found.coefficients[0] > 0 and np.ptp(feeds) > 0.02 * max(feeds)
-    return found.coefficients if sound else GUESS
+    if np.ptp(feeds) <= 0.02 * max(feeds):
+        return GUESS
+    found = solve_means(cuts, mean_forces(cuts, "whole-revolutions"), 0.0)
+    return found.coefficients if found.coefficients[0] > 0 else GUESS
 
 
 def kienzle_start(linear: np.ndarray, cuts: Sequence[CutForce]) -> tuple[np.ndarray, np.ndarray]:
@@ -76,7 +73,7 @@ def start_shapes(model: HarmonicModel, linear: np.ndarray) -> list[np.ndarray]:
     size = float(np.clip(line / (2 * np.hypot(linear[0], linear[1])), 1e-6, LARGEST_RUNOUT / 2))
     starts = []
     for c0 in (0.4 * size, 0.8 * size, 1.2 * size, 2.0 * size):
-        for turn in (0.0,) if "s0" not in names else 2 * np.pi * np.arange(6) / 6:
+        for turn in (0.0,) if "s0" not in names else 2 * np.pi * np.arange(4) / 4:
             value = {"c0": c0 * np.cos(turn), "s0": c0 * np.sin(turn)}
             starts += [np.array([value.get(name, taper) for name in names] + rise) for taper in _tapers(model, c0)]
     return starts
@@ -86,8 +83,17 @@ def _tapers(model: HarmonicModel, c0: float) -> tuple[float, ...]:
     return (-2.0 * c0, 0.0, 2.0 * c0) if model.taper else (0.0,)
 
 
-def search(model: HarmonicModel) -> tuple[HarmonicFit, tuple[HarmonicFit, ...]]:
-    """The best fit found and its rivals, from several starts."""
+def search(model: HarmonicModel, near: HarmonicFit | None = None) -> tuple[HarmonicFit, tuple[HarmonicFit, ...]]:
+    """The best fit found and its rivals, from several starts, or from the answer to a similar question and about it."""
+    if near is not None:
+        fits = []
+        for factor in (1.0, 0.5, 2.0) if model.runout_names else (1.0,):
+            shape = near.shape.copy()
+            shape[: len(model.runout_names)] *= factor
+            trial = replace(near, model=model, shape=shape)
+            fits.append(refine(replace(trial, phase=scan_phases(trial) if factor != 1.0 else near.phase)))
+        fits.sort(key=lambda fit: fit.cost)
+        return fits[0], tuple(fits[1:])
     edge = start_coefficients(model.cuts)
     linear = (
         model.held if model.held is not None else kienzle_start(edge, model.cuts)[0] if model.law == "kienzle" else edge
@@ -134,10 +140,10 @@ def predict(fit: HarmonicFit, cut: CutForce, band: int) -> np.ndarray:
     return modelled_harmonics(fit, cut, phase, band)
 
 
-def study(model: HarmonicModel, band: int | None = None) -> HarmonicStudy:
-    """Fit, leave each cut out, and judge up to a harmonic (default: the band of the fit)."""
-    band = model.band if band is None else band
-    best, rivals = search(model)
+def study(model: HarmonicModel, near: HarmonicFit | None = None) -> HarmonicStudy:
+    """Fit, leave each cut out, and judge up to the band of the fit."""
+    band = model.band
+    best, rivals = search(model, near)
     cuts = model.cuts
     in_sample, by_cut = ratio(
         cuts, [modelled_harmonics(best, c, p, band) for c, p in zip(cuts, best.phase, strict=True)], band
@@ -202,5 +208,8 @@ def sensor_band_notice(frf: Frf, cuts: Sequence[CutForce], band: int) -> tuple[N
     highest = max(cut.spindle_frequency for cut in cuts) * band
     if highest <= frf.usable_band[1]:
         return ()
-    message = f"harmonics up to {highest:.0f} Hz lie above the sensor FRF's usable band, {frf.usable_band[1]:.0f} Hz; lower --harmonics"
+    message = (
+        f"harmonics up to {highest:.0f} Hz lie above the sensor FRF's usable band, {frf.usable_band[1]:.0f} Hz; "
+        "use fewer harmonics"
+    )
     return (Notice("sensor-band", message, "frf"),)

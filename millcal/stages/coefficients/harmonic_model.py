@@ -6,17 +6,17 @@ q are the linear coefficients; c0 and s0 the runout, t0 its taper along the axis
 the spindle angle of record f at its first sample. G is the sensor: 1, a measured transmissibility, or (as a diagnostic only)
 one mode per axis of static gain 1 whose frequency, damping and residue are unknowns as well.
 
-Runout. With two equally pitched teeth only c0 = rho cos(lambda) at mid depth is seen, constant along the axis; tooth labels
-may be exchanged, so c0 >= 0. With three teeth or more the parallel offset is seen in full, (c0, s0) = rho (cos, sin)(lambda)
-at mid depth, and its helix lag is in the model.
+Runout. The cutter's axis is offset in parallel, so tooth j at height z reaches out by c0 cos(.) - s0 sin(.) of its own angle
+on the cutter, helix included; (c0, s0) = rho (cos, sin)(lambda) at mid depth. Two teeth show c0 alone and s0 is taken as 0;
+with equal pitch their labels may be exchanged, so c0 >= 0. Three teeth or more show both.
 
 The unit of a record is its harmonics, the mean included, so the noise of 150 000 samples is left behind at the door; by
 Parseval the fit equals least squares in time.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -45,6 +45,9 @@ class HarmonicModel:
     sensor: Sensor | None = None
     sensor_modes: tuple[float, ...] = ()  # Hz, starting frequency of one fitted mode per axis; empty: none
     held: np.ndarray | None = None  # linear coefficients taken from elsewhere, for a comparison
+    memo: dict[tuple, np.ndarray] = field(
+        default_factory=dict, repr=False
+    )  # unit forces, shared by variants of one question
 
     @property
     def runout_names(self) -> tuple[str, ...]:
@@ -61,6 +64,16 @@ class HarmonicModel:
     def without(self, index: int) -> "HarmonicModel":
         """The same question with one cut left out."""
         return replace(self, cuts=self.cuts[:index] + self.cuts[index + 1 :])
+
+
+def model_of(cuts: tuple[CutForce, ...], *, law: str, band: int, mean_weight: float, **options: Any) -> HarmonicModel:
+    """The question with each axis weighted by its own AC force, and one phase for all where the records carry a pulse."""
+    level = np.sqrt(np.mean([np.sum(np.abs(cut.harmonics[:, 1:]) ** 2, axis=1) / 2 for cut in cuts], axis=0))
+    weight = 1 / np.maximum(
+        level, 1e-6 * max(level.max(), 1e-300)
+    )  # an axis without force weighs little, not infinitely
+    pulse = all(cut.phase_from_pulse for cut in cuts)
+    return HarmonicModel(cuts, law, band, mean_weight, weight, common_phase=pulse, **options)
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,17 +99,23 @@ def unit_force(model: HarmonicModel, cut: CutForce, shape: np.ndarray, band: int
 
     shape : in the order of shape_names   returns complex (axis, coefficient, k)
     """
+    key = (id(cut), model.law, band, model.shape_names, shape.tobytes())
+    if key not in model.memo:
+        if len(model.memo) > 5000:
+            model.memo.clear()
+        model.memo[key] = _unit_force(model, cut, shape, band)
+    return model.memo[key]
+
+
+def _unit_force(model: HarmonicModel, cut: CutForce, shape: np.ndarray, band: int) -> np.ndarray:
     value = dict(zip(model.shape_names, shape, strict=True))
     cutter, depth = cut.cutter, cut.conditions.axial_depth
     lag = cutter.tooth_lag()[:, np.newaxis]
     c0, s0, t0 = (value.get(name, 0.0) for name in ("c0", "s0", "t0"))
 
     def offset(height: np.ndarray) -> np.ndarray:
-        slope = c0 + t0 * (height / depth - 0.5)
-        if cutter.teeth < 3:
-            return slope * np.cos(lag)
         turn = lag + cutter.helix_lag(height - depth / 2)
-        return slope * np.cos(turn) - s0 * np.sin(turn)
+        return (c0 + t0 * (height / depth - 0.5)) * np.cos(turn) - s0 * np.sin(turn)
 
     if model.law == "kienzle":
         rise = np.array([value["mt"], value["mr"], value["ma"]])
@@ -199,20 +218,12 @@ def problem(model: HarmonicModel) -> Problem:
     for value in spread:
         value[:, 0] *= np.sqrt(2)  # the whole variance of the mean is real
     noise = np.concatenate([_rows(model, value) for value in spread]) ** 2
-    memo: dict[bytes, list[np.ndarray]] = {}
-
-    def unit_forces(shape: np.ndarray) -> list[np.ndarray]:
-        key = shape.tobytes()
-        if key not in memo:
-            if len(memo) > 2 + 2 * n_shape:
-                memo.clear()
-            memo[key] = [unit_force(model, cut, shape, band) for cut in cuts]
-        return memo[key]
 
     def seen(p: np.ndarray) -> list[np.ndarray]:
         phases = np.broadcast_to(p[n_shape + n_sensor :], (len(cuts),))
         columns = []
-        for cut, x, angle in zip(cuts, unit_forces(p[:n_shape]), phases, strict=True):
+        for cut, angle in zip(cuts, phases, strict=True):
+            x = unit_force(model, cut, p[:n_shape], band)
             gain = sensor_gain(model, cut, p[n_shape : n_shape + n_sensor], band)
             x = x if gain is None else np.einsum("ijk,jqk->iqk", gain, x)
             columns.append((x * np.exp(1j * order * angle)).transpose(0, 2, 1))
@@ -223,10 +234,11 @@ def problem(model: HarmonicModel) -> Problem:
 
     def derivative(p: np.ndarray, q: np.ndarray) -> np.ndarray:
         slope = np.zeros((len(data), len(p)))
+        now = matrix(p) @ q
         for i in range(n_shape + n_sensor):
-            ahead, behind = p.copy(), p.copy()
-            ahead[i], behind[i] = min(p[i] + 1e-4 * scale[i], upper[i]), max(p[i] - 1e-4 * scale[i], lower[i])
-            slope[:, i] = (matrix(ahead) - matrix(behind)) @ q / (ahead[i] - behind[i])
+            moved = p.copy()
+            moved[i] += 1e-5 * scale[i] * (1 if p[i] + 1e-5 * scale[i] <= upper[i] else -1)
+            slope[:, i] = (matrix(moved) @ q - now) / (moved[i] - p[i])
         block = len(data) // len(cuts)
         for f, columns in enumerate(seen(p)):
             column = n_shape + n_sensor + (0 if model.common_phase else f)

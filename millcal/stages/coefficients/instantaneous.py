@@ -1,0 +1,193 @@
+"""`method = nls`: the fit of the force within the revolution, judged by what it says of cuts it has not seen."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from millcal.data import Check, Coefficients, CutForce, Frf, Notice, Posterior
+from millcal.errors import IllPosedError
+from millcal.numerics.jackknife import student_quantile
+from millcal.stages.coefficients import average, verdict
+from millcal.stages.coefficients.answer import NO_AIR_CUT, Alternative, alternative, answer
+from millcal.stages.coefficients.harmonic import (
+    HarmonicStudy,
+    interpolated_sensor,
+    left_out_covariance,
+    parameters,
+    predict,
+    ratio,
+    search,
+    sensor_band_notice,
+    study,
+)
+from millcal.stages.coefficients.harmonic_model import condition, model_of, modelled_harmonics, noise_covariance
+
+LAW_NAMES = {
+    "linear-edge": (average.NAMES, average.UNITS),
+    "kienzle": (("kt", "kr", "ka"), ("N/m^2",) * 3),
+}
+SHAPE_UNITS = {"c0": "m", "s0": "m", "t0": "m", "mt": "1", "mr": "1", "ma": "1"}
+
+
+def instantaneous(
+    cuts: tuple[CutForce, ...],
+    *,
+    law: str,
+    taper: bool,
+    harmonics: int | None,
+    mean_weight: float,
+    sensor: Frf | None,
+) -> Coefficients:
+    """The fit, its intervals, its checks and what other models say; options as in `fit_coefficients`."""
+    teeth = cuts[0].cutter.teeth
+    saved = min(cut.harmonics.shape[1] for cut in cuts) - 1
+    band = min(saved, harmonics if harmonics is not None else max(teeth, 2))
+    if band < 1:
+        raise IllPosedError(f"coefficients.harmonics: {band} leaves no force within the revolution; use 1 or more")
+    gain = None if sensor is None else interpolated_sensor(sensor)
+    model = model_of(cuts, law=law, band=band, mean_weight=mean_weight, taper=taper and teeth > 1, sensor=gain)
+    found = study(model)
+    best = found.best
+    posterior, notices = _posterior(found, law)
+    notices += _what_is_not_seen(found, posterior.names)
+    if sensor is not None:
+        notices += sensor_band_notice(sensor, cuts, band)
+    if not any(cut.air for cut in cuts):
+        notices.append(NO_AIR_CUT)
+
+    checks = [
+        verdict.check_asynchronous(cuts),
+        verdict.check_contact(cuts, _tooth_offsets(found)),
+        verdict.check_prediction(found),
+    ]
+    if saved > band:
+        checks.append(verdict.check_above_tooth_passing(found, saved))
+    alternatives: list[Alternative] = []
+    feeds = [cut.conditions.feed_per_tooth for cut in cuts]
+    if law == "linear-edge" and found.left_out and np.ptp(feeds) > 0.02 * max(feeds):
+        more_checks, alternatives = _other_models(found, saved)
+        checks += more_checks
+        notices += average.axis_map_notices(cuts, average.mean_forces(cuts, "whole-revolutions"))
+
+    modelled = [modelled_harmonics(best, cut, phase, saved) for cut, phase in zip(cuts, best.phase, strict=True)]
+    unseen = [predict(fit, cut, saved) for fit, cut in zip(found.left_out, cuts, strict=False)]
+    in_wide, _ = ratio(cuts, modelled, saved)
+    left = np.stack([cut.harmonics[:, 1 : saved + 1] - m[:, 1:] for cut, m in zip(cuts, modelled, strict=True)])
+    return answer(
+        cuts,
+        posterior,
+        verdict.conclude(checks, found.predicted),
+        checks,
+        modelled=modelled,
+        means=(average.mean_forces(cuts, "whole-revolutions"), np.stack([value[:, 0].real for value in modelled])),
+        residual_rms=np.sqrt(np.mean(np.sum(np.abs(left) ** 2, axis=2) / 2, axis=0)),
+        r2=1 - in_wide**2,
+        alternatives=alternatives,
+        notices=notices,
+        in_sample=found.in_sample,
+        left_out=found.predicted,
+        left_out_by_cut=found.predicted_by_cut,
+        in_sample_wide=in_wide,
+        left_out_wide=ratio(cuts, unseen, saved)[0] if unseen else None,
+        phase=best.phase % (2 * np.pi),
+        band=(0, band),
+    )
+
+
+def _posterior(found: HarmonicStudy, law: str) -> tuple[Posterior, list[Notice]]:
+    """Jackknife over the cuts where there are three; else the noise within the records, with a warning."""
+    best = found.best
+    names, units = LAW_NAMES[law]
+    n = len(best.model.cuts)
+    notices = []
+    if found.left_out:
+        covariance, dof = left_out_covariance(found), n - 1.0
+    else:
+        covariance, dof = noise_covariance(best), np.inf
+        message = (
+            f"{n} cut{'s' if n > 1 else ''}: intervals are from the noise within the records alone, 10 to 40 times "
+            "narrower than the scatter of cuts; add cuts to have three or more"
+        )
+        notices.append(Notice("narrow-intervals", message, "cuts"))
+    mean = parameters(best)
+    half = student_quantile(dof) * np.sqrt(np.diag(covariance))
+    posterior = Posterior(
+        names=(*names, *best.model.shape_names),
+        units=(*units, *(SHAPE_UNITS[name] for name in best.model.shape_names)),
+        mean=mean,
+        covariance=covariance,
+        interval=np.stack([mean - half, mean + half], axis=1),
+        law=law,  # type: ignore[arg-type]
+        method="nls",
+        dof=dof,
+    )
+    return posterior, notices
+
+
+def _other_models(found: HarmonicStudy, saved: int) -> tuple[list[Check], list[Alternative]]:
+    """What mean forces alone, alternating force alone and all harmonics say, and whether they agree."""
+    best = found.best
+    model, cuts = best.model, best.model.cuts
+    names = (*average.NAMES, *model.shape_names)
+    forces = average.mean_forces(cuts, "whole-revolutions")
+    plain, teeth = average.solve_means(cuts, forces, 0.0), cuts[0].cutter.teeth
+    means, loss = average.search_contact_loss(cuts, forces) if teeth > 1 else (plain, average.NO_CONTACT_LOSS)
+    ac_only = study(replace(model, mean_weight=0.0), near=best)
+    # the contact loss of the means is that of this fit where one c0 says it all; with more teeth the means decide
+    runout = float(best.shape[0]) if teeth == 2 else loss.runout
+    ktc = {"this fit": float(best.linear[0]), "mean forces": float((means if loss.explains else plain).coefficients[0])}
+    alternatives = [
+        alternative("alternating force alone", dict(zip(names, parameters(ac_only.best), strict=True))),
+        alternative("mean forces", dict(zip(average.NAMES, plain.coefficients, strict=True))),
+    ]
+    if loss.explains:
+        named = dict(zip(average.NAMES, means.coefficients, strict=True)) | {"c0": loss.runout}
+        alternatives.append(alternative("mean forces with contact loss", named))
+    if saved > model.band:
+        wide = search(replace(model, band=saved, mean_weight=1.0), near=best)[0]
+        ktc["all harmonics"] = float(wide.linear[0])
+        alternatives.append(alternative(f"harmonics to {saved}", dict(zip(names, parameters(wide), strict=True))))
+    checks = [
+        verdict.check_means(cuts, plain, loss),
+        verdict.check_means_against_ac(runout, found, ac_only),
+        verdict.check_spread(ktc),
+    ]
+    return checks, alternatives
+
+
+def _tooth_offsets(found: HarmonicStudy) -> np.ndarray:
+    """Radial offset of every tooth at mid depth.   returns (tooth,) m"""
+    value = dict(zip(found.best.model.shape_names, found.best.shape, strict=True))
+    lag = found.best.model.cuts[0].cutter.tooth_lag()
+    return value.get("c0", 0.0) * np.cos(lag) - value.get("s0", 0.0) * np.sin(lag)
+
+
+def _what_is_not_seen(found: HarmonicStudy, names: Sequence[str]) -> list[Notice]:
+    """What the data leave open: combinations, labels, other minima."""
+    notices = []
+    number, direction = condition(found.best)
+    if number > 1e4:
+        large = [names[i] for i in np.argsort(-np.abs(direction[: len(names)]))[:3] if abs(direction[i]) > 0.2]
+        message = (
+            f"the data hardly tell {' and '.join(large) or 'the phases'} apart (condition number {number:.0e}); "
+            "hold one, or add feeds"
+        )
+        notices.append(Notice("unobservable", message, "cuts"))
+    teeth = found.best.model.cuts[0].cutter.teeth
+    if teeth == 2:
+        message = "two teeth show c0 = rho cos(lambda) at mid depth only; rho and lambda cannot be told apart"
+        notices.append(Notice("runout-combination", message, "cutter"))
+    elif teeth > 2 and found.best.model.cuts[0].cutter.pitch is None and not found.best.model.common_phase:
+        message = f"teeth carry no label: the phase, and with it lambda, is known up to multiples of 360/{teeth} deg"
+        notices.append(Notice("tooth-label", message, "cutter"))
+    best = found.best
+    for rival in found.rivals:
+        if rival.cost < 1.1 * best.cost and abs(rival.linear[0] - best.linear[0]) > 0.15 * abs(best.linear[0]):
+            message = (
+                f"a second minimum fits nearly as well ({rival.cost / best.cost:.2f} of the cost) with "
+                f"{names[0]} = {rival.linear[0] / 1e6:.0f} N/mm2"
+            )
+            notices.append(Notice("several-minima", message, "cuts"))
+            break
+    return notices
