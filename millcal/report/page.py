@@ -6,7 +6,8 @@ save. Any record may be missing: its sections are then left out. The page loads 
 
 import re
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from dataclasses import replace
+from pathlib import Path, PurePath
 from typing import Any
 
 import jinja2
@@ -263,7 +264,10 @@ def _warnings(summary: Mapping[str, Any], records: Sequence[Any]) -> list[Notice
         for w in summary.get("warnings") or ()
     ]
     told += [notice for record in records if record is not None for notice in record.notices]
-    return list(dict.fromkeys(told))
+    read = [str(entry.get(key)) for entry in summary.get("recordings") or () for key in ("name", "path")]
+    read += [record.name for record in records if isinstance(record, CutForce)]
+    short = {name: PurePath(name).name for name in read}
+    return list(dict.fromkeys(replace(notice, where=short.get(notice.where, notice.where)) for notice in told))
 
 
 def _provenance(provenance: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -271,7 +275,7 @@ def _provenance(provenance: Mapping[str, Any]) -> list[tuple[str, str]]:
     facts: list[tuple[str, str]] = []
     for name, value in provenance.items():
         if isinstance(value, Mapping) and name != "inputs":
-            facts += [(str(key), str(item)) for key, item in value.items()]
+            facts += [(str(key), str(item)) for key, item in sorted(value.items())]
         elif name not in ("inputs", "recipe"):
             facts.append((name, str(value)))
-    return facts
+    return sorted(facts, key=lambda fact: (fact[0] == "seed", fact[0] != "millcal", fact[0]))
