@@ -12,7 +12,7 @@ The helix is a lag: a slice at height z repeats the edge's force later by kappa(
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -76,7 +76,7 @@ def chip_lines(cutter: Cutter, feed_per_tooth: float, offset: np.ndarray) -> tup
 
     The teeth lag, so the surface under tooth j was left by tooth j - 1, and k places ahead of it by j - k; after k = N it
     meets its own last pass, with b = 0.
-    offset : (tooth,) m   returns a (tooth, k), b (tooth, k), m
+    offset : (tooth, ...) m   returns a (tooth, k), b (tooth, k, ...), m
     """
     n = cutter.teeth
     lag = cutter.tooth_lag()
@@ -95,20 +95,21 @@ def chip_thickness(cutter: Cutter, conditions: CuttingConditions, angle: np.ndar
     offsets = radial_offset(cutter, height)  # (tooth, slice)
     lag = cutter.tooth_lag()[:, np.newaxis] + cutter.helix_lag(np.asarray(height))
     phi = (angle - lag[:, :, np.newaxis]) % (2 * np.pi)
-    chip = np.empty(phi.shape)
-    for i in range(offsets.shape[1]):
-        a, b = chip_lines(cutter, conditions.feed_per_tooth, offsets[:, i])
-        lines = a[:, :, np.newaxis] * np.sin(phi[:, np.newaxis, i]) + b[:, :, np.newaxis]
-        chip[:, i] = np.maximum(lines.min(axis=1), 0.0)
+    a, b = chip_lines(cutter, conditions.feed_per_tooth, offsets)
+    lines = a[:, :, np.newaxis, np.newaxis] * np.sin(phi[:, np.newaxis]) + b[..., np.newaxis]
+    chip = np.maximum(lines.min(axis=1), 0.0)
     return np.where((phi >= entry) & (phi <= leave), chip, 0.0)
 
 
-def contact_pieces(a: np.ndarray, b: np.ndarray, entry: float, leave: float) -> list[tuple[float, float, float, float]]:
+def contact_pieces(
+    a: Sequence[float], b: Sequence[float], entry: float, leave: float
+) -> list[tuple[float, float, float, float]]:
     """Intervals of phi in which one tooth cuts and h = A sin(phi) + B, in ascending order: (from, to, A, B).
 
-    a, b : (k,) m, the lines of this tooth   entry, leave : rad, within 0..pi
+    a, b : (k,) m, the lines of this tooth; few numbers, for which plain Python beats array calls
+    entry, leave : rad, within 0..pi
     """
-    lines = list(zip(a.tolist(), b.tolist(), strict=True))  # N numbers: plain Python beats array calls here
+    lines = list(zip(a, b, strict=True))
     u = max(0.0, max(-height / slope for slope, height in lines))  # lowest sin(phi) at which every line is positive
     if u >= 1.0:
         return []
@@ -131,11 +132,17 @@ def contact_pieces(a: np.ndarray, b: np.ndarray, entry: float, leave: float) -> 
     return [piece for piece in inside if piece[1] - piece[0] > 1e-12]
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=256)
+def _legendre(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss-Legendre nodes and weights on 0..1."""
+    s, w = np.polynomial.legendre.leggauss(n)
+    return (s + 1) / 2, w / 2
+
+
+@lru_cache(maxsize=256)
 def _gauss(n: int) -> tuple[np.ndarray, np.ndarray]:
     """Nodes and weights on 0..1 after x = s^3 (10 - 15 s + 6 s^2), which flattens a root h^(1-m) at the ends of contact."""
-    s, w = np.polynomial.legendre.leggauss(n)
-    s, w = (s + 1) / 2, w / 2
+    s, w = _legendre(n)
     return s**3 * (10 - 15 * s + 6 * s**2), w * 30 * s**2 * (1 - s) ** 2
 
 
@@ -166,8 +173,10 @@ def edge_harmonics(
     psi: list[float] = []
     place: list[int] = []
     count: list[int] = []
+    slopes, heights = chip_lines(cutter, feed_per_tooth, offsets)
+    slopes, heights = slopes.tolist(), np.moveaxis(heights, 2, 0).tolist()
     for i in range(offsets.shape[1]):
-        for a, b, tooth_lag in zip(*chip_lines(cutter, feed_per_tooth, offsets[:, i]), lag, strict=True):
+        for a, b, tooth_lag in zip(slopes, heights[i], lag, strict=True):
             for piece in contact_pieces(a, b, *span):
                 for column, value in zip((lo, hi, slope, height), piece, strict=True):
                     column.append(value)
@@ -217,8 +226,8 @@ def force_basis(
     span = engagement(conditions, cutter.diameter)
     depth = conditions.axial_depth
     full_lag = float(cutter.helix_lag(np.array(depth)))
-    s, w = np.polynomial.legendre.leggauss(5 + math.ceil(full_lag * (harmonics + 1) / 2))
-    height, width = depth * (s + 1) / 2, depth * w / 2
+    s, w = _legendre(5 + math.ceil(full_lag * (harmonics + 1) / 2))
+    height, width = depth * s, depth * w
     offsets = radial_offset(cutter, height) if offset is None else offset(height)
     wind = np.exp(-1j * np.outer(cutter.helix_lag(height), np.arange(harmonics + 1))) * width[:, np.newaxis]
     if np.ptp(offsets, axis=1).max() <= 1e-15:
