@@ -119,12 +119,13 @@ def nice_ticks(low: float, high: float, most: int = 6) -> list[float]:
 
 
 def log_ticks(low: float, high: float, most: int = 6) -> list[float]:
-    """Powers of ten between two positive ends; with 2 and 5 between them where there are fewer than two decades."""
+    """Powers of ten between two positive ends; with 2 and 5 between them, or round numbers, where the range is short."""
     first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
     factors: Sequence[int] = (1, 2, 5) if math.log10(high / low) < 2.1 else (1,)
     stride = max(1, math.ceil((last - first) / most))
     ticks = [factor * 10.0**power for power in range(first, last + 1, stride) for factor in factors]
-    return [tick for tick in ticks if low * (1 - 1e-9) <= tick <= high * (1 + 1e-9)]
+    inside = [tick for tick in ticks if low <= tick <= high]
+    return inside if len(inside) > 1 else [tick for tick in nice_ticks(low, high, most) if tick > 0]
 
 
 def tick_labels(ticks: Sequence[float]) -> list[str]:

@@ -17,7 +17,7 @@ from millcal.report.digits import csv_number, fixed
 from millcal.report.wording import short_names
 
 TABLE_ROWS = 24  # of the table under a chart
-CSV_ROWS = 400  # of the CSV under a chart
+CSV_ROWS = 1000  # of the CSV under a chart: all that is drawn
 POINTS = 700  # of a line across the page
 MOST_CROSS = 6  # lines that an eye can follow
 ENVELOPE = 240  # stretches of a whole record, about as many as its picture has columns to show
@@ -25,15 +25,19 @@ ENVELOPE = 240  # stretches of a whole record, about as many as its picture has 
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """One column of a figure's numbers."""
+    """One column of a figure's numbers, or of words."""
 
     name: str
     unit: str
-    values: np.ndarray  # (row,)
+    values: np.ndarray  # (row,), numbers or str
 
     @property
     def heading(self) -> str:
         return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+    @property
+    def words(self) -> bool:
+        return self.values.dtype.kind == "U"
 
     @property
     def decimals(self) -> int:
@@ -43,6 +47,16 @@ class Column:
         if largest == 0 or np.array_equal(finite, np.round(finite)):
             return 0
         return int(np.clip(3 - np.floor(np.log10(largest)), 0, 9))
+
+    def texts(self, rows: np.ndarray) -> list[str]:
+        """As the table under the chart shows them."""
+        chosen = self.values[rows].tolist()
+        return chosen if self.words else [fixed(value, self.decimals) for value in chosen]
+
+    def csv(self, rows: np.ndarray) -> list[str]:
+        """As the CSV holds them."""
+        chosen = self.values[rows].tolist()
+        return [text.replace(",", ";") for text in chosen] if self.words else [csv_number(value) for value in chosen]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,14 +84,13 @@ class Figure:
     def rows(self) -> list[list[str]]:
         """The table under the chart, as text."""
         index = self._rows(TABLE_ROWS)
-        texts = [[fixed(float(value), column.decimals) for value in column.values[index]] for column in self.columns]
-        return [list(row) for row in zip(*texts, strict=True)]
+        return [list(row) for row in zip(*(column.texts(index) for column in self.columns), strict=True)]
 
     @property
     def csv(self) -> str:
         """The numbers to copy: a heading line, then a line for each row."""
         index = self._rows(CSV_ROWS)
-        texts = [[csv_number(float(value)) for value in column.values[index]] for column in self.columns]
+        texts = [column.csv(index) for column in self.columns]
         heading = ",".join(column.heading.replace(",", ";") for column in self.columns)
         return "\n".join([heading, *(",".join(row) for row in zip(*texts, strict=True))])
 

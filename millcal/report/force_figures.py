@@ -35,18 +35,24 @@ def cuts_shown(n: int) -> list[int]:
     return np.unique(np.linspace(0, n - 1, min(n, MOST_CUTS)).round().astype(int)).tolist()
 
 
+def conditioned_cuts(fit: Coefficients, cuts: Sequence[CutForce]) -> dict[int, CutForce]:
+    """The conditioned cut behind each cut of the fit, by its number, where it is at hand: same place, same conditions."""
+    same = enumerate(zip(cuts, fit.conditions, strict=False))
+    return {number: cut for number, (cut, conditions) in same if cut.conditions == conditions}
+
+
 def one_revolution(fit: Coefficients, cuts: Sequence[CutForce]) -> list[Figure]:
     """Measured and modelled force over one revolution, a figure for each cut with a chart for each axis.
 
     An axis has one scale over all cuts, so that the pictures compare. Around the measured force stands the scatter of the
     revolutions, where the conditioned cut is at hand.
     """
-    scatter = {cut.name: cut for cut in cuts}
+    conditioned = conditioned_cuts(fit, cuts)
     y_ranges = [span_of(fit.measured[:, row], fit.modelled[:, row], include=(0.0,)) for row in range(3)]
     residual = fit.measured - fit.modelled
     reach = [max(float(np.nanmax(np.abs(residual[:, row]))) * 1.1, 1e-9) for row in range(3)]
     return [
-        _revolution(fit, number, scatter.get(fit.cuts[number]), residual[number], y_ranges, reach)
+        _revolution(fit, number, conditioned.get(number), residual[number], y_ranges, reach)
         for number in cuts_shown(len(fit.cuts))
     ]
 
@@ -222,7 +228,7 @@ def intervals(fit: Coefficients) -> Figure | None:
             groups.setdefault(parameter(name).unit, []).append(index)
     if not groups:
         return None
-    drawings, rows = [], []
+    drawings, rows, units = [], [], []
     others = fit.alternatives[: len(SHAPES)]
     for unit, members in groups.items():
         factor = parameter(posterior.names[members[0]]).factor
@@ -254,11 +260,13 @@ def intervals(fit: Coefficients) -> Figure | None:
                 label=f"Coefficients {', '.join(names)} in {unit} with 95 % intervals and the values of other models",
             )
         )
+        units += [unit] * n
         rows += [
             (index, float(v), float(a), float(b)) for index, v, a, b in zip(members, value, low, high, strict=True)
         ]
     columns = [
-        Column("row", "", np.arange(1.0, len(rows) + 1)),
+        Column("coefficient", "", np.array([posterior.names[row[0]] for row in rows])),
+        Column("unit", "", np.array(units)),
         *(Column(name, "", np.array([row[k] for row in rows])) for k, name in ((1, "value"), (2, "low"), (3, "high"))),
     ]
     key = [("marks dot measured", "this fit, with its 95 % interval")]

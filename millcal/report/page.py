@@ -62,7 +62,7 @@ def render(results: Mapping[str, Any], summary: Mapping[str, Any], provenance: M
         title=summary.get("title") or "Calibration report",
         subtitle=_subtitle(cuts, fit, frf),
         verdicts=_verdicts(fit, map_, summary),
-        key_numbers=_key_numbers(fit, map_),
+        key_numbers=_key_numbers(fit, map_, frf),
         expected=tables.expected(summary),
         sections=[section for section in sections if section],
         warnings=_warnings(summary, (*cuts, frf, modes, fit, map_)),
@@ -161,7 +161,7 @@ def _force(fit: Coefficients | None, cuts: Sequence[CutForce]) -> dict | None:
         return None
     revolutions = force_figures.one_revolution(fit, cuts)
     key = list(force_figures.MEASURED_AND_MODELLED)
-    if cuts:
+    if force_figures.conditioned_cuts(fit, cuts):
         key.insert(1, ("span band-measured", "± 2 sd of the revolutions"))
     caption = "Force on the tool over one revolution of the spindle; an axis has one scale in all cuts."
     if len(revolutions) < len(fit.cuts):
@@ -232,7 +232,7 @@ def _verdicts(fit: Coefficients | None, map_: StabilityMap | None, summary: Mapp
     return said
 
 
-def _key_numbers(fit: Coefficients | None, map_: StabilityMap | None) -> list[dict]:
+def _key_numbers(fit: Coefficients | None, map_: StabilityMap | None, frf: Frf | None) -> list[dict]:
     """The numbers to take along: what, how much, unit, a word."""
     numbers = []
     if fit is not None:
@@ -254,6 +254,12 @@ def _key_numbers(fit: Coefficients | None, map_: StabilityMap | None) -> list[di
             word = f"limit {significant(limit)} mm" if safe is None else f"safe to {significant(safe * 1e3)} mm"
             speed = fixed(to_shop(best.spindle_speed, "spindle_speed_rpm"), 0)
             numbers.append({"name": "Best speed", "value": speed, "unit": "rpm", "word": word})
+    if frf is not None and not numbers:
+        low, high = (significant(end) for end in frf.usable_band)
+        numbers.append({"name": "Usable band", "value": f"{low} to {high}", "unit": "Hz", "word": ""})
+        if frf.hits:
+            used = sum(hit.accepted for hit in frf.hits)
+            numbers.append({"name": "Hits used", "value": f"{used} of {len(frf.hits)}", "unit": "", "word": ""})
     return numbers
 
 

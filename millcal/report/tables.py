@@ -10,6 +10,8 @@ from millcal.report.digits import UNKNOWN, decimals_for, fixed, nominal, signifi
 from millcal.report.wording import channels_in_words, parameter, percent, short_names
 from millcal.units import to_shop
 
+MOST_PEAKS = 12  # lines of the spectrum that are listed
+
 
 @dataclass(frozen=True)
 class Table:
@@ -135,13 +137,18 @@ def removed(cuts: Sequence[CutForce]) -> Table:
 def peaks(cuts: Sequence[CutForce]) -> Table | None:
     """Lines of the spectrum that are no harmonics of the spindle."""
     short = short_names(cut.name for cut in cuts)
+    found = [peak.exceeds for cut in cuts for peak in cut.peaks]
+    least = sorted(found, reverse=True)[:MOST_PEAKS][-1] if found else 0.0
     rows = [
         [short[cut.name], peak.axis, fixed(peak.frequency, 1), significant(peak.amplitude), fixed(peak.exceeds, 1)]
         for cut in cuts
         for peak in cut.peaks
+        if peak.exceeds >= least
     ]
     headings = ("cut", "axis", "frequency, Hz", "amplitude, N", "times its surroundings")
     note = "A line that is no harmonic may be chatter, a resonance rung by every tooth, or mains."
+    if len(rows) < len(found):
+        note = f"The {len(rows)} clearest of {len(found)}. {note}"
     return (
         Table("Lines that are no harmonics of the spindle", headings, rows, words=(0, 1), note=note) if rows else None
     )

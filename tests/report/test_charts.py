@@ -1,0 +1,82 @@
+"""Charts as inline SVG."""
+
+import re
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+
+from millcal.report.charts import Band, Line, Marks, Panel, Rule, Span, Whiskers, chart, decades_of, span_of, thin
+
+
+def drawn(*items, **options):
+    panel = Panel("force <F>, N", items, 100, options.pop("y_range", (-1.0, 1.0)), log=options.pop("log", False))
+    svg = chart([panel], x_label="angle & more", x_range=(0.0, 10.0), label='a "chart"', **options)
+    return svg, ElementTree.fromstring(svg)
+
+
+X = np.linspace(0, 10, 50)
+
+
+def test_a_chart_is_well_formed_and_says_what_it_shows():
+    _, tree = drawn(
+        Span(1, 2, "steady", "steady"),
+        Rule(0.0, "y"),
+        Band(X, np.sin(X) - 0.1, np.sin(X) + 0.1, "main"),
+        Line(X, np.sin(X), "main", "sine"),
+        Marks(X[::9], np.cos(X[::9]), "best", "diamond", ["1", "2"]),
+        Whiskers(X[:3], np.zeros(3), np.ones(3), "measured"),
+    )
+    assert tree.get("role") == "img"
+    assert tree.get("aria-label") == 'a "chart"'
+    texts = [text.text for text in tree.iter("text")]
+    assert {"force <F>, N", "angle & more", "steady", "sine", "1", "2"} <= set(texts)
+
+
+def test_a_line_breaks_where_a_value_is_missing_and_nothing_says_nan():
+    y = np.sin(X)
+    y[20:25] = np.nan
+    svg, tree = drawn(Line(X, y, "main"))
+    assert len(list(tree.iter("polyline"))) == 2
+    assert "nan" not in svg
+
+
+def test_an_infinite_value_stays_out_of_the_picture():
+    svg, _ = drawn(Line(X, np.where(X > 5, np.inf, 0.0), "main"), Band(X, 0 * X, np.full(50, np.inf), "main"))
+    assert "inf" not in svg
+
+
+def test_what_leaves_the_panel_is_cut_off_and_marks_outside_are_not_drawn():
+    _, tree = drawn(Marks(np.array([5.0, 5.0, 20.0]), np.array([0.0, 3.0, 0.0]), "best"))
+    assert len(list(tree.iter("circle"))) == 1
+
+
+def test_labels_at_the_ends_of_lines_do_not_overlap():
+    lines = [Line(X, np.full(50, 0.01 * i), "main", f"line {i}") for i in range(4)]
+    _, tree = drawn(*lines)
+    heights = sorted(float(text.get("y")) for text in tree.iter("text") if (text.text or "").startswith("line "))
+    assert min(np.diff(heights)) >= 12
+
+
+def test_a_logarithmic_scale_puts_decades_at_equal_distances():
+    svg, _ = drawn(Line(X[1:], X[1:], "main"), y_range=(0.001, 1000.0), log=True)
+    rows = [float(y) for y in re.findall(r"M[\d.]+,([\d.]+)h", re.search(r'class="grid" d="([^"]*)"', svg)[1])]
+    assert len(rows) > 2
+    assert np.ptp(np.diff(rows)) < 0.2
+
+
+def test_thinning_keeps_the_peaks_and_the_ends():
+    y = np.zeros(100_000)
+    y[54_321], y[77_777] = 1.0, -2.0
+    kept = thin(np.arange(100_000), y, 400)
+    assert {0, 54_321, 77_777, 99_999} <= set(kept.tolist())
+    assert len(kept) <= 402
+    assert np.all(np.diff(kept) > 0)
+
+
+def test_ranges_hold_all_finite_values_and_never_collapse():
+    low, high = span_of(np.array([1.0, np.nan, np.inf, 3.0]))
+    assert low < 1.0 < 3.0 < high < 4.0
+    low, high = span_of(np.full(5, 2.0))
+    assert low < 2.0 < high
+    low, high = decades_of(np.array([0.0, np.nan, 1e-30, 5.0]))
+    assert 0 < low < 5.0 < high
