@@ -285,9 +285,8 @@ def map_facts(map_: StabilityMap) -> list[tuple[str, str]]:
     ]
     if map_.operating_point is not None:
         speed, depth = map_.operating_point
-        facts.append(("operating point", f"{fixed(_rpm(speed), 0)} rpm, {nominal(depth * 1e3)} mm"))
-        if map_.operating_p_stable is not None:
-            facts.append(("stable there with", percent(map_.operating_p_stable)))
+        share = "" if map_.operating_p_stable is None else f", stable with {percent(map_.operating_p_stable)}"
+        facts.append(("operating point", f"{fixed(_rpm(speed), 0)} rpm, {nominal(depth * 1e3)} mm{share}"))
     return facts
 
 
