@@ -22,6 +22,7 @@ from millcal.stages.coefficients.harmonic import (
     study,
 )
 from millcal.stages.coefficients.harmonic_model import condition, model_of, modelled_harmonics, noise_covariance
+from millcal.stages.coefficients.resonance import diagnose
 
 LAW_NAMES = {
     "linear-edge": (average.NAMES, average.UNITS),
@@ -61,13 +62,17 @@ def instantaneous(
         verdict.check_contact(cuts, _tooth_offsets(found)),
         verdict.check_prediction(found),
     ]
+    alternatives: list[Alternative] = []
     if saved > band:
         checks.append(verdict.check_above_tooth_passing(found, saved))
-    alternatives: list[Alternative] = []
+        if not checks[-1].passed and (diagnosis := diagnose(found, saved)):
+            checks.append(diagnosis[0])
+            alternatives.append(diagnosis[1])
     feeds = [cut.conditions.feed_per_tooth for cut in cuts]
     if law == "linear-edge" and found.left_out and np.ptp(feeds) > 0.02 * max(feeds):
-        more_checks, alternatives = _other_models(found, saved)
+        more_checks, others = _other_models(found, saved)
         checks += more_checks
+        alternatives = others + alternatives
         notices += average.axis_map_notices(cuts, average.mean_forces(cuts, "whole-revolutions"))
 
     modelled = [modelled_harmonics(best, cut, phase, saved) for cut, phase in zip(cuts, best.phase, strict=True)]

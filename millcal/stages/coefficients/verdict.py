@@ -37,6 +37,7 @@ REASONS = {
     "contact-loss": "teeth lose contact by runout",
     "left-out": "cuts left out are not predicted",
     "above-tooth-passing": "harmonics above the tooth passing exceed the prediction",
+    "resonance": "a resonance does not explain it",
     "mean-force": "mean forces do not lie on a line",
     "offset": "alternating and mean forces contradict each other",
     "models": "Ktc depends on the model",
@@ -218,7 +219,7 @@ def conclude(checks: Sequence[Check], predicted: np.ndarray | None) -> str:
     failed = [check for check in checks if not check.passed]
     if not failed:
         return "fits"
-    others = [check for check in failed if check.name != "left-out"]
+    others = [check for check in failed if check.name not in ("left-out", "resonance")]  # the last only explains
     reasons = "; ".join(REASONS[check.name] for check in failed)
     if predicted is not None and np.all(predicted <= PROVISIONAL) and len(others) <= 1:
         return f"fits in part: {reasons}"

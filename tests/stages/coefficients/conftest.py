@@ -14,7 +14,13 @@ SPINDLE_HZ = 100.0
 
 
 def cut_of(
-    law, cutter: Cutter, conditions: CuttingConditions, *, phase: float, scatter: float = 0.0, rng: np.random.Generator | None = None
+    law,
+    cutter: Cutter,
+    conditions: CuttingConditions,
+    *,
+    phase: float,
+    scatter: float = 0.0,
+    rng: np.random.Generator | None = None,
 ) -> CutForce:
     """A conditioned cut of a law; `scatter` is the standard deviation of the error of its mean forces and harmonics, N."""
     harmonics = force_harmonics(law, cutter, conditions, SAVED) * np.exp(1j * np.arange(SAVED + 1) * phase)
@@ -54,7 +60,17 @@ def cut_of(
 def series() -> Callable[..., tuple[CutForce, ...]]:
     """series(law, cutter, feeds_mm, ...) -> cuts at several feeds with unrelated phases."""
 
-    def make(law, cutter, feeds_mm=(0.04, 0.06, 0.08, 0.1, 0.12), *, scatter=0.0, seed=0, direction="slot", radial=None, depth=3e-3):
+    def make(
+        law,
+        cutter,
+        feeds_mm=(0.04, 0.06, 0.08, 0.1, 0.12),
+        *,
+        scatter=0.0,
+        seed=0,
+        direction="slot",
+        radial=None,
+        depth=3e-3,
+    ):
         rng = np.random.default_rng(seed)
         cuts = []
         for feed in feeds_mm:
