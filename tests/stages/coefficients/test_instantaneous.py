@@ -207,7 +207,7 @@ def test_a_wrong_axis_map_is_named(series):
 
     found = fit_coefficients([mirrored(cut) for cut in unlabelled(series(LAW, CUTTERS["two teeth"], FEEDS))])
     assert "axis-swap" in {notice.code for notice in found.notices}
-    assert not found.verdict == "fits"
+    assert found.verdict != "fits"
 
 
 def test_no_force_within_the_revolution_is_refused(series):
