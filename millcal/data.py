@@ -71,6 +71,7 @@ class Channel:
     unit: str  # SI: N, m/s^2, m/s, m, rad, 1, Pa
     dof: str  # point and direction: tipX
     full_scale: float | None = None  # input range in `unit`, for overload
+    role: Literal["hammer", "response"] | None = None  # in an impact test; None: a force is the hammer, all else responds
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -1,7 +1,9 @@
 """Impact tests to an FRF matrix: `millcal frf`."""
 
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -15,8 +17,12 @@ def frf(
         Literal["h1", "h2", "hv"], typer.Option("--estimator", help="Noise in the response, in the force, in both.")
     ] = "h1",
     form: Annotated[
-        Literal["accelerance", "mobility", "receptance"] | None,
-        typer.Option("--form", help="Form of the FRF; default: as measured."),
+        Literal["accelerance", "mobility", "receptance", "transmissibility"] | None,
+        typer.Option("--form", help="Form of the FRF; default: as measured. transmissibility: of a dynamometer."),
+    ] = None,
+    response: Annotated[
+        list[str] | None,
+        typer.Option("--response", metavar="NAME", help="Force channel that answers the hammer: a dynamometer's."),
     ] = None,
     keep: Annotated[
         list[str] | None, typer.Option("--keep", metavar="HIT", help="Use this hit whatever is found: 3, or tap_x:3.")
@@ -80,7 +86,7 @@ def frf(
             for path in recordings
         ]
         found = estimate_frf(
-            taps,
+            [_with_responses(tap, response or ()) for tap in taps],
             estimator=estimator,
             form=form,
             keep=keep or (),
@@ -103,6 +109,18 @@ def frf(
         as_json=as_json,
         quiet=quiet,
     )
+
+
+def _with_responses(recording: Any, names: Iterable[str]) -> Any:
+    """The recording with some force channels marked as responses."""
+    known = [channel.name for channel in recording.channels if channel.quantity == "force"]
+    for name in names:
+        if name not in known:
+            raise typer.BadParameter(
+                f"{recording.name} has no force channel {name!r}; there are {', '.join(known)}", param_hint="--response"
+            )
+    channels = (replace(c, role="response") if c.name in names else c for c in recording.channels)
+    return replace(recording, channels=tuple(channels))
 
 
 def _pairs(items: list[str] | None, option: str) -> dict[str, str]:

@@ -102,6 +102,7 @@ def _impact(plan: Any, table: Any, rng: Any) -> tuple:
         sample_rate=table.sample_rate_hz or options.sample_rate_hz,
         hammer_chain=options.hammer.chain(),
         accelerometer=options.accelerometer.chain(),
+        dynamometer=options.dynamometer.chain() if table.dynamometer else None,
         name=table.recording,
         **table.arguments(),
     )

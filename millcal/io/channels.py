@@ -96,7 +96,12 @@ def choose_channels(
         gain *= (table.scale or 1.0) * sign
         full_scale = table.full_scale if table.full_scale is not None else column.full_scale
         full_scale = None if full_scale is None else abs(full_scale * gain)
-        chosen.append((row, gain, Channel(name, quantity, unit, dof, full_scale), sign))
+        role = table.role or column.role
+        if role not in (None, "response") and (role != "hammer" or quantity != "force"):
+            problems.append(
+                f"channel '{name}': a {quantity} cannot have the role {role!r}; hammer is for a force, or response"
+            )
+        chosen.append((row, gain, Channel(name, quantity, unit, dof, full_scale, role), sign))  # type: ignore[arg-type]
     left_out = [c.name for i, c in enumerate(columns) if i != time and i not in {row for row, *_ in chosen}]
     clocks = [c.name for i, c in enumerate(columns) if i != time and is_time(c.name, c.unit) and c.name in left_out]
     if not mapping and time is not None and clocks:
@@ -165,7 +170,10 @@ def _wanted(
         elif row is not None:
             wanted.append((name.strip(), dof.strip() or None, sign, row))
     renamed = {}
+    named = {name for name, *_ in wanted}
     for name, table in tables.items():
+        if name in named and table.column is None and table.number is None and table.dataset is None:
+            continue  # the map says which column it is
         row = _column_index(columns, _source_of(name, table, columns), problems, f"[channels.{name}]")
         if row is not None:
             renamed[row] = name

@@ -109,6 +109,7 @@ def _channels(source: Source, chosen: Selection, statistics: _Statistics) -> lis
             "quantity": settled[i].quantity if i in settled else column.quantity,
             "unit": column.unit,
             "dof": settled[i].dof if i in settled else column.dof,
+            **({"role": settled[i].role} if i in settled and settled[i].role else {}),
             **statistics.of(i),
         }
         for i, column in enumerate(source.columns)

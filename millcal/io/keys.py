@@ -206,6 +206,9 @@ class ChannelTable(Table):
     dof: str | None = Field(None, description="point and direction, such as tipX; a minus in front turns the channel")
     scale: float | None = Field(None, description="value = stored x scale, before the unit")
     full_scale: float | None = Field(None, gt=0, description="input range in the channel's unit, to see overload")
+    role: Literal["hammer", "response"] | None = Field(
+        None, description="of a force in an impact test: the hammer (when absent), or response for a dynamometer's"
+    )
 
 
 class Hdf5Table(Table):

@@ -90,6 +90,7 @@ class DynamometerTable(HammerTable):
     renamed: ClassVar = {"zeta": "damping_ratio", "drift_N_per_s": "drift"}
     resonance_hz: Three | None = Field(None, description="natural frequencies, Hz; none when absent")
     zeta: Three | None = Field(None, description="damping ratios of these resonances; 2 % is 0.02")
+    cross_talk: float = Field(0.0, gt=-0.5, lt=0.5, description="share of each other axis that a channel shows")
     offset_N: Three = Field((0.0, 0.0, 0.0), description="offsets, N")
     drift_N_per_s: Three = Field((0.0, 0.0, 0.0), description="linear drifts, N/s")
     warming_N: Three = Field((0.0, 0.0, 0.0), description="what warming adds in the end, N")
@@ -196,8 +197,9 @@ class FaultTable(Table):
 class SimulatedImpactTable(_RecordingTable):
     """One impact test to simulate."""
 
-    not_arguments: ClassVar = frozenset({"recording", "sample_rate_hz", "faults"})
+    not_arguments: ClassVar = frozenset({"recording", "sample_rate_hz", "faults", "dynamometer"})
     hammer: str = Field(description="point and direction that is hit, such as tipX")
+    dynamometer: bool = Field(False, description="the hits go on the dynamometer, whose forces are recorded")
     hits: int = Field(ge=1, description="number of hits")
     record_s: Positive = Field(description="length of each hit's record, s")
     peak_N: Positive = Field(description="mean peak of the hits, N")
@@ -213,8 +215,10 @@ class SimulatedImpactTable(_RecordingTable):
     def _possible(self) -> "SimulatedImpactTable":
         if PurePath(self.recording).suffix != ".h5":
             raise ValueError(f"{self.recording} is no .h5; impact tests are written as recordings")
-        if not self.accelerometers:
-            raise ValueError("no accelerometers; name their points and directions")
+        if not (self.accelerometers or self.dynamometer):
+            raise ValueError("no accelerometers; name their points and directions, or set dynamometer = true")
+        if self.dynamometer and self.hammer not in ("tipX", "tipY", "tipZ"):
+            raise ValueError(f"{self.hammer} is no axis of the dynamometer; hit it along tipX, tipY or tipZ")
         if any(fault.hit >= self.hits for fault in self.faults):
             raise ValueError(f"a fault is on a hit beyond the last, {self.hits - 1}; number hits from 0")
         return self
@@ -265,10 +269,13 @@ class SimulateTable(Table):
         return self
 
     def truth(self, cutter: Cutter | None) -> dict[str, Any]:
-        """What holds for every recording, in the keys of a recipe: cutter, law and structure."""
+        """What holds for every recording, in the keys of a recipe: cutter, law, dynamometer that was hit, and structure."""
         known: dict[str, Any] = {}
         if self.law is not None:
             known = {"cutter": keys_of(cutter, None), "law": self.law.model_dump(exclude_none=True)}
+        if any(table.dynamometer for table in self.impacts):
+            keys = ("resonance_hz", "zeta", "cross_talk", "lowpass_hz", "lowpass_order")
+            known["dynamometer"] = {key: getattr(self.dynamometer, key) for key in keys}
         if self.modes:
             known["modes"] = [mode.model_dump() for mode in self.modes]
         return known

@@ -50,8 +50,8 @@ class FrfTable(Table):
     """Options of the FRF estimate."""
 
     estimator: Literal["h1", "h2", "hv"] = Field("h1", description="h1 for noise on the response, h2, hv")
-    form: Literal["accelerance", "mobility", "receptance"] | None = Field(
-        None, description="form of the FRF; as measured when absent"
+    form: Literal["accelerance", "mobility", "receptance", "transmissibility"] | None = Field(
+        None, description="form of the FRF; as measured when absent; transmissibility is a dynamometer's"
     )
     keep: tuple_of(Hit, ...) = Field((), description="hits to use whatever is found: 3, or 'tap_y.h5:3' among several")
     drop: tuple_of(Hit, ...) = Field((), description="hits to leave out: 3, or 'tap_y.h5:3' among several recordings")

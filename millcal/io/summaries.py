@@ -70,7 +70,14 @@ def _recording(recording: Recording) -> dict[str, Any]:
         "samples": recording.samples.shape[1],
         "duration_s": recording.duration,
         "channels": [
-            {"name": c.name, "quantity": c.quantity, "unit": c.unit, "dof": c.dof} for c in recording.channels
+            {
+                "name": c.name,
+                "quantity": c.quantity,
+                "unit": c.unit,
+                "dof": c.dof,
+                **({"role": c.role} if c.role else {}),
+            }
+            for c in recording.channels
         ],
         "conditions": keys_of(recording.cutter, recording.conditions),
     }

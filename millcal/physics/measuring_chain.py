@@ -17,6 +17,7 @@ class MeasuringChain:
 
     resonance: tuple[float, ...] = ()  # Hz, of the sensor on its mount
     damping_ratio: tuple[float, ...] = ()
+    cross_talk: float = 0.0  # share of each other channel's signal that a channel shows
     lowpass: float | None = None  # Hz, Butterworth corner of the amplifier
     lowpass_order: int = 2
     offset: tuple[float, ...] = ()  # in the channel's SI unit
@@ -41,6 +42,17 @@ class MeasuringChain:
         if self.lowpass is not None:
             gain *= butterworth(f, self.lowpass, self.lowpass_order)
         return gain
+
+    def transfer(self, frequency: np.ndarray, channels: int) -> np.ndarray:
+        """Measured channels over true ones, cross-talk and `gain`.   returns complex (channel, channel, f)"""
+        mixing = np.eye(channels) + self.cross_talk * (1 - np.eye(channels))
+        return mixing[:, :, np.newaxis] * self.gain(frequency, channels)[:, np.newaxis, :]
+
+    @property
+    def decay_rate(self) -> float:
+        """Of the slowest resonance, zeta w_n, 1/s; inf without one."""
+        rates = [2 * np.pi * zeta * own for own, zeta in zip(self.resonance, self.damping_ratio, strict=True)]
+        return min(rates, default=np.inf)
 
     def wander(self, time: np.ndarray, channels: int) -> np.ndarray:
         """Offset, linear drift and warming, which a cut knows nothing of.   time : (t,) s   returns (channel, t)"""

@@ -127,8 +127,8 @@ def simulate_cut(
         channels += [
             Channel("f" + axis, "force", "N", dof, dynamometer.full_scale) for axis, dof in zip(AXES, TIP, strict=True)
         ]
-        harmonics.append(force * dynamometer.gain(order_frequency, 3))
-        line_parts.append(line_force * dynamometer.gain(line_frequency, 3))
+        harmonics.append(np.einsum("imk,mk->ik", dynamometer.transfer(order_frequency, 3), force))
+        line_parts.append(np.einsum("imk,mk->ik", dynamometer.transfer(line_frequency, 3), line_force))
         chains.append((dynamometer, 3))
     if accelerometers:
         n = len(accelerometers)

@@ -1,6 +1,7 @@
 """The recording file of millcal (HDF5, version 1), and reading any HDF5 dataset in blocks.
 
-`/channels/<name>` is one dataset per channel; attributes state unit, quantity, dof, scale and full scale. Samples may be
+`/channels/<name>` is one dataset per channel; attributes state unit, quantity, dof, scale, full scale and, in an
+impact test, the role of a force that is not the hammer's. Samples may be
 integer counts (value = stored x scale). Large files are not loaded: any part is read when it is asked for.
 """
 
@@ -23,6 +24,7 @@ _FILTERS = {
     305: "lzo", 307: "bzip2", 32000: "lzf", 32001: "blosc", 32004: "lz4", 32008: "bitshuffle", 32013: "zfp",
     32015: "zstd", 32026: "blosc2",
 }  # fmt: skip
+_TEXTS = ("unit", "quantity", "dof", "acts_on", "role")
 _CANNOT_READ = "cut short or damaged; copy the file again"
 
 
@@ -158,7 +160,7 @@ def _channel_names(path: Path, file: h5py.File) -> list[str]:
 
 def _column(name: str, dataset: h5py.Dataset) -> Column:
     attributes = {key: plain(value) for key, value in dataset.attrs.items()}
-    text = {key: str(attributes[key]) if key in attributes else None for key in ("unit", "quantity", "dof", "acts_on")}
+    text = {key: str(attributes[key]) if key in attributes else None for key in _TEXTS}
     return Column(name, **text, written=name, full_scale=number_of(attributes.get("full_scale")))
 
 

@@ -69,6 +69,8 @@ def _dataset(file: h5py.File, recording: Recording, row: int, step: float | None
         dataset.attrs["full_scale"] = float(channel.full_scale)
     if channel.quantity == "force":
         dataset.attrs["acts_on"] = "tool"
+    if channel.role is not None:
+        dataset.attrs["role"] = channel.role
     return dataset
 
 

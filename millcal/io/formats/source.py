@@ -32,6 +32,7 @@ class Column:
     dof: str | None = None
     full_scale: float | None = None  # in `unit`
     acts_on: str | None = None
+    role: str | None = None  # hammer, response
 
 
 @dataclass(frozen=True)

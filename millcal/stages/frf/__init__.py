@@ -7,6 +7,9 @@ time, told apart by least squares over the hits.
 
 The estimate stays in the form that was measured unless another is asked for: dividing an accelerance by -w^2 blows up what
 little offset and drift is left at low frequency, and has no value at all at 0 Hz (nan).
+
+Where force channels answer the hammer (`Channel.role`), they are a dynamometer under it and the FRF is its transmissibility,
+force over force: 1 at rest, and the only form there is.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,6 +31,8 @@ from millcal.stages.frf.taps import (
     transform,
 )
 
+GAIN_AT_REST = 0.05  # what hammer and dynamometer may differ by
+
 
 def estimate_frf(
     recordings: Recording | Sequence[Recording],
@@ -46,7 +51,8 @@ def estimate_frf(
     """Frequency response of all outputs to all inputs from impact tests.
 
     estimator : "h1", "h2" or "hv"
-    form : "accelerance", "mobility" or "receptance"; None keeps what the first response channel measures
+    form : "accelerance", "mobility" or "receptance"; None keeps what the first response channel measures;
+        "transmissibility" takes the dynamometer's forces where motion was recorded beside them
     keep, drop : hits to use or leave out whatever is found, from 0 in each recording; `"tap_y.h5:3"` among several
     allow_double : use double hits too, with both pulses inside the force window
     weak : hits below this share of the median peak are left out
@@ -60,8 +66,8 @@ def estimate_frf(
         raise RecordingError("frf: no recording given; name at least one impact test")
     if estimator not in ESTIMATORS:
         raise IllPosedError(f"estimator {estimator}: not known; use one of {', '.join(ESTIMATORS)}")
-    if form is not None and form not in DERIVATIVES:
-        raise IllPosedError(f"form {form}: not known; use one of {', '.join(DERIVATIVES)}")
+    if form not in (None, "transmissibility", *DERIVATIVES):
+        raise IllPosedError(f"form {form}: not known; use one of {', '.join(DERIVATIVES)}, transmissibility")
     progress = progress or (lambda share, label: None)
     rate = recordings[0].sample_rate
     taps = []
@@ -72,7 +78,8 @@ def estimate_frf(
                 f"{recording.name}: sampled at {recording.sample_rate:g} Hz, {recordings[0].name} at {rate:g} Hz; "
                 "recordings of one FRF need one rate"
             )
-        taps.append(survey_recording(recording, hold_off, record_length))
+        taps.append(survey_recording(recording, hold_off, record_length, form))
+    _check_one_kind(taps)
     kept, dropped = named_hits(taps, keep, "keep"), named_hits(taps, drop, "drop")
     for tap in taps:
         judge(tap, weak, allow_double, kept, dropped)
@@ -86,6 +93,17 @@ def estimate_frf(
         reject_inconsistent(tap, kept)
     progress(0.95, "frequency response")
     return _assemble(taps, length, points, rate, estimator, form)
+
+
+def _check_one_kind(taps: list[Tap]) -> None:
+    """Motion in one recording and forces in another are two FRFs."""
+    of_forces = [tap.recording.channels[tap.responses[0]].quantity == "force" for tap in taps]
+    if len(set(of_forces)) > 1:
+        forces, motion = (taps[of_forces.index(kind)].recording.name for kind in (True, False))
+        raise RecordingError(
+            f"{forces}: the responses are a dynamometer's forces, in {motion} they are motions; "
+            "estimate the two FRFs one by one"
+        )
 
 
 def _points(taps: list[Tap], length: int, rate: float, resolution: float | None) -> int:
@@ -174,7 +192,10 @@ def _assemble(taps: list[Tap], length: int, points: int, rate: float, estimator:
     band = _usable_band(frequency, spectrum, line_noise, rate / length)
     measured = [FORM_OF[quantity] for quantity in _quantities(taps, outputs)]
     form = form or measured[0]
-    notices += _signs(frequency, values, measured, outputs, inputs, band)
+    if form == "transmissibility":
+        notices += _gain_at_rest(frequency, values, outputs, inputs, band)
+    else:
+        notices += _signs(frequency, values, measured, outputs, inputs, band)
     for row, own in enumerate(measured):
         if own != form:
             values[:, row] = convert_frf(frequency, values[:, row], own, form)
@@ -277,6 +298,31 @@ def _usable_band(
     low = worse[worse < top].max(initial=-1) + 1
     high = worse[worse > top].min(initial=len(good)) - 1
     return (float(frequency[low]), float(frequency[high]))
+
+
+def _gain_at_rest(
+    frequency: np.ndarray,
+    values: np.ndarray,
+    outputs: Sequence[str],
+    inputs: Sequence[str],
+    band: tuple[float, float],
+) -> list[Notice]:
+    """At rest a dynamometer reads the force that acts on it: where it does not, a sign or a calibration is wrong."""
+    lines = np.flatnonzero((frequency >= band[0]) & (frequency <= band[0] + 0.02 * (band[1] - band[0])))
+    notices = []
+    for dof in inputs:
+        if dof not in outputs or not len(lines):
+            continue
+        gain = float(np.median(values[lines, outputs.index(dof), inputs.index(dof)].real))
+        if gain < 0:
+            message = (
+                f"the dynamometer answers against the hammer at {dof}; turn one of them with a sign before its dof"
+            )
+            notices.append(Notice("dynamometer-polarity", message))
+        elif abs(gain - 1) > GAIN_AT_REST:
+            message = f"at low frequency the dynamometer reads {gain:.2f} of the hammer's force at {dof}; "
+            notices.append(Notice("gain-at-rest", message + "check both calibrations, and that the hit was straight"))
+    return notices
 
 
 def _signs(

@@ -15,9 +15,15 @@ from millcal.numerics.frequency_response import deviation
 from millcal.numerics.impact_hits import Survey, find_hits, is_overloaded, survey_hit
 from millcal.numerics.impact_windows import decay_lengths, gate_hit
 
-FORM_OF = {"displacement": "receptance", "velocity": "mobility", "acceleration": "accelerance"}
+FORM_OF = {
+    "displacement": "receptance",
+    "velocity": "mobility",
+    "acceleration": "accelerance",
+    "force": "transmissibility",
+}
 LONGEST = 1 << 18  # samples of one hit that are looked at
 SHORTEST = 128  # samples that a hit must have
+MARK_RESPONSES = "mark the dynamometer's channels: role = 'response' under [channels.NAME], or --response NAME"
 
 
 @dataclass
@@ -54,17 +60,44 @@ class Tap:
         return [hit for hit, good in enumerate(self.accepted) if good]
 
 
-def survey_recording(recording: Recording, hold_off: float, record_length: float | None) -> Tap:
+def hammer_and_responses(recording: Recording, form: str | None) -> tuple[list[int], list[int]]:
+    """Rows of the hammer and of what answers it: sensors of motion, or a dynamometer's forces. One FRF holds one kind.
+
+    form : the form asked for, which chooses the kind where both were recorded
+    """
+    name, channels = recording.name, recording.channels
+    forces = recording.rows_of("force")
+    hammer = [row for row in forces if channels[row].role != "response"]
+    dynamometer = [row for row in forces if channels[row].role == "response"]
+    moving = [row for row, c in enumerate(channels) if c.quantity in FORM_OF and c.quantity != "force"]
+    if not hammer:
+        what = "every force channel is a response; one must be the hammer" if forces else "no force channel"
+        raise RecordingError(f"{name}: {what}; an impact test needs the hammer, state its unit (N)")
+    if form == "transmissibility" and not dynamometer:
+        raise RecordingError(f"{name}: no force answers the hammer; {MARK_RESPONSES}")
+    if form not in (None, "transmissibility") and dynamometer and not moving:
+        raise RecordingError(
+            f"{name}: the responses are forces, and force over force is a transmissibility in no other form, "
+            f"{form} neither; leave the form out"
+        )
+    if form is None and dynamometer and moving:
+        raise RecordingError(
+            f"{name}: accelerations and a dynamometer's forces cannot share one FRF; choose with form = "
+            f"transmissibility (the forces) or {FORM_OF[channels[moving[0]].quantity]} (the motion)"
+        )
+    responses = dynamometer if form == "transmissibility" or not moving else moving
+    if not responses:
+        more = f"; or {MARK_RESPONSES}" if len(hammer) > 1 else ""
+        raise RecordingError(
+            f"{name}: no acceleration, velocity or displacement channel; state the units of the responses{more}"
+        )
+    return hammer, responses
+
+
+def survey_recording(recording: Recording, hold_off: float, record_length: float | None, form: str | None) -> Tap:
     """Find the hits of a recording and look at each."""
     name, rate = recording.name, recording.sample_rate
-    forces = recording.rows_of("force")
-    responses = [row for row, channel in enumerate(recording.channels) if channel.quantity in FORM_OF]
-    if not forces:
-        raise RecordingError(f"{name}: no force channel; an impact test needs the hammer, state its unit (N)")
-    if not responses:
-        raise RecordingError(
-            f"{name}: no acceleration, velocity or displacement channel; state the units of the responses"
-        )
+    forces, responses = hammer_and_responses(recording, form)
     for rows in (forces, responses):
         dofs = [recording.channels[row].dof for row in rows]
         if twice := {dof for dof in dofs if dofs.count(dof) > 1}:
