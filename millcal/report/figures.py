@@ -1,4 +1,4 @@
-"""What a figure of the report is, and the figures of the recordings and of the FRF.
+"""What a figure of the page is, and the figures of the recordings and of the FRF; figures for print are in `paper`.
 
 A figure is one or more charts over one table of numbers: the table under the chart, the CSV to copy and the values that the
 mouse reads are the same columns. Drawn as SVG by `charts` and not by a plotting library, also for a whole record: a
@@ -11,9 +11,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from millcal.data import AXES, CutForce, Frf
-from millcal.report import charts
+from millcal.report import charts, driving_points
 from millcal.report.charts import HALF, Band, Item, Line, Panel, Rule, Span, chart, decades_of, span_of
 from millcal.report.digits import csv_number, fixed
+from millcal.report.driving_points import FORMS, PHASE_MIDDLE, driving_pairs, rows_drawn
 from millcal.report.wording import short_names
 
 TABLE_ROWS = 24  # of the table under a chart
@@ -129,55 +130,21 @@ def _overview(cut: CutForce, name: str, number: int) -> Figure:
     return Figure(f"overview-{number}", name, "", (svg,), columns)
 
 
-FORMS = {  # form -> (symbol, unit, factor from SI)
-    "receptance": ("X/F", "µm/N", 1e6),
-    "mobility": ("V/F", "(mm/s)/N", 1e3),
-    "accelerance": ("A/F", "(m/s²)/N", 1.0),
-    "transmissibility": ("F/F", "N/N", 1.0),
-}
-
-
-_PHASE_MIDDLE = {"receptance": -90.0, "mobility": 0.0, "accelerance": 90.0, "transmissibility": 0.0}  # deg
-
-
-def _direction(dof: str) -> str:
-    return dof.lstrip("+-")
-
-
-def driving_pairs(frf: Frf) -> list[tuple[int, int]]:
-    """(output, input) of every driving point: response and hammer at one point in one direction, whatever the sign."""
-    outputs = [_direction(dof) for dof in frf.outputs]
-    pairs = [(outputs.index(_direction(dof)), i) for i, dof in enumerate(frf.inputs) if _direction(dof) in outputs]
-    return pairs or [(0, 0)]
-
-
-def _rows_drawn(frf: Frf) -> np.ndarray:
-    """Rows of the FRF that are drawn: the usable band and a little around it, at most two decades."""
-    low, high = frf.usable_band[0] / 1.25, frf.usable_band[1] * 1.25
-    shown = (frf.frequency >= max(low, high / 100)) & (frf.frequency <= high) & (frf.frequency > 0)
-    return np.flatnonzero(shown) if np.count_nonzero(shown) > 1 else np.arange(len(frf.frequency))
-
-
 def driving_point(frf: Frf, output: int, given: int) -> Figure:
-    """Magnitude, phase and coherence of one driving direction with the 95 % band of its variance.
-
-    The variance is that of the complex value, half of it along the value and half across: sd of the magnitude is
-    sqrt(variance / 2), sd of the phase the same over the magnitude.
-    """
-    symbol, unit, factor = FORMS[frf.form]
-    rows = _rows_drawn(frf)
-    frequency, value = frf.frequency[rows], frf.values[rows, output, given]
-    middle = _PHASE_MIDDLE[frf.form]  # the branch is cut opposite to where a driving point can be
-    magnitude, phase = factor * np.abs(value), middle + np.degrees(np.angle(value * np.exp(-1j * np.radians(middle))))
-    chosen = np.union1d(charts.thin(frequency, np.log(magnitude + 1e-300), POINTS), charts.thin(frequency, phase, 200))
-    f, m, p = frequency[chosen], magnitude[chosen], phase[chosen]
+    """Magnitude, phase and coherence of one driving direction with the 95 % band of its variance."""
+    symbol, unit, _ = FORMS[frf.form]
+    middle = PHASE_MIDDLE[frf.form]
+    point = driving_points.driving_point(frf, output, given)
+    frequency, magnitude = point.frequency, point.magnitude
+    chosen = np.union1d(
+        charts.thin(frequency, np.log(magnitude + 1e-300), POINTS), charts.thin(frequency, point.phase, 200)
+    )
+    f, m, p = frequency[chosen], magnitude[chosen], point.phase[chosen]
     columns = [Column("frequency", "Hz", f), Column("magnitude", unit, m), Column("phase", "deg", p)]
     magnitude_items: list[Item] = [Span(*frf.usable_band, "usable")]
     phase_items: list[Item] = [Span(*frf.usable_band, "usable")]
-    if frf.variance is not None:
-        sd = factor * np.sqrt(np.maximum(frf.variance[rows, output, given][chosen], 0.0) / 2)
-        low, high = np.maximum(m - 1.96 * sd, m * 1e-3), m + 1.96 * sd
-        turn = np.degrees(np.minimum(1.96 * sd / np.maximum(m, 1e-300), np.pi))
+    if point.low is not None and point.high is not None and point.turn is not None:
+        low, high, turn = point.low[chosen], point.high[chosen], point.turn[chosen]
         magnitude_items.append(Band(f, low, high, "main"))
         phase_items.append(Band(f, p - turn, p + turn, "main"))
         columns[2:2] = [Column("magnitude low", unit, low), Column("magnitude high", unit, high)]
@@ -188,8 +155,8 @@ def driving_point(frf: Frf, output: int, given: int) -> Figure:
         Panel(f"magnitude |{symbol}|, {unit}", magnitude_items, 170, decades_of(m), log=True, most_ticks=8),
         Panel("phase, deg", phase_items, 84, (middle - 135.0, middle + 135.0), ticks=quarter),
     ]
-    if frf.coherence is not None and np.isfinite(frf.coherence[rows, output, given]).any():
-        coherence = frf.coherence[rows, output, given]
+    if point.coherence is not None:
+        coherence = point.coherence
         kept = np.union1d(chosen, charts.thin(frequency, coherence, 200))
         line = Line(frequency[kept], coherence[kept], "main")
         items: list[Item] = [Span(*frf.usable_band, "usable"), Rule(0.9, "y", "rule"), line]
@@ -223,7 +190,7 @@ def cross_directions(frf: Frf) -> Figure | None:
     if not pairs:
         return None
     symbol, unit, factor = FORMS[frf.form]
-    rows = _rows_drawn(frf)
+    rows = rows_drawn(frf)
     frequency = frf.frequency[rows]
     kept = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), POINTS)).round().astype(int))
     columns, lines = [Column("frequency", "Hz", frequency[kept])], []

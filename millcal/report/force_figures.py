@@ -165,20 +165,26 @@ def harmonics(fit: Coefficients) -> Figure | None:
     return Figure("harmonics", "Harmonics of the force", caption, (svg,), columns, key)
 
 
-def mean_force(fit: Coefficients) -> Figure:
-    """Mean force against feed per tooth, measured and modelled, with the residuals; a line for each set of conditions."""
+def series_of_feed(fit: Coefficients) -> list[list[int]]:
+    """Numbers of the cuts that differ in nothing but their feed, by rising feed; a list for each set of conditions."""
     groups: dict[tuple, list[int]] = {}
     for number in np.argsort(fit.feed_per_tooth, kind="stable").tolist():
         c = fit.conditions[number]
         same = (c.spindle_speed, c.axial_depth, c.radial_depth, c.direction)
         groups.setdefault(tuple(f"{v:.6g}" if isinstance(v, float) else v for v in same), []).append(number)
+    return list(groups.values())
+
+
+def mean_force(fit: Coefficients) -> Figure:
+    """Mean force against feed per tooth, measured and modelled, with the residuals; a line for each set of conditions."""
+    groups = series_of_feed(fit)
     feed = fit.feed_per_tooth * 1e3
     left = fit.measured_mean - fit.modelled_mean
     drawings = []
     for row, axis in enumerate(AXES):
         items: list[Item] = [Rule(0.0, "y", "zero")]
         under: list[Item] = [Rule(0.0, "y", "zero")]
-        for members in groups.values():
+        for members in groups:
             items.append(Line(feed[members], fit.modelled_mean[members, row], "modelled"))
             under.append(Line(feed[members], left[members, row], "residual"))
         items += [

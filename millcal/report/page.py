@@ -16,6 +16,7 @@ from markupsafe import Markup, escape
 from millcal.data import Coefficients, CutForce, Frf, Modes, Notice, StabilityMap
 from millcal.report import figures, force_figures, stability_figure, tables
 from millcal.report.digits import fixed, nominal, plus_minus, significant
+from millcal.report.driving_points import driving_pairs
 from millcal.report.wording import Verdict, cutter_in_words, fit_verdict, operating_verdict, parameter
 from millcal.units import to_shop
 
@@ -139,7 +140,7 @@ def _quality(cuts: Sequence[CutForce], frf: Frf | None) -> dict | None:
 def _dynamics(frf: Frf | None, modes: Modes | None) -> dict | None:
     if frf is None:
         return _section("structure", "Structure", _table(tables.modes(modes)) if modes is not None else None)
-    driving = [figures.driving_point(frf, output, given) for output, given in figures.driving_pairs(frf)]
+    driving = [figures.driving_point(frf, output, given) for output, given in driving_pairs(frf)]
     hammer = figures.hammer_spectrum(frf)
     key = [("line main", "measured"), ("span usable", "usable band")]
     if frf.variance is not None:
