@@ -1,7 +1,8 @@
 """The main job: a recipe's recordings through all its stages into one result folder. Only this file knows their order.
 
     cuts -> conditioning ----------------> coefficients -> stability -> report
-    impact tests -> frf (or modes by hand) ---------------^
+    hits on the dynamometer -> sensor ----------^             |
+    impact tests -> frf (or modes by hand) -------------------^
 
 A recipe may leave stages out; what is left out for a reason of the recipe is said in a notice. The folder is made under a
 temporary name beside its place and renamed at the end, so that a run that is killed leaves the old result or none.
@@ -21,7 +22,8 @@ import numpy as np
 from millcal.data import Coefficients, CutForce, Frf, Modes, Notice, Record, Recording
 from millcal.errors import IllPosedError, MillcalError, RecipeError, RecordingError
 from millcal.io.provenance import provenance
-from millcal.io.recipes import Recipe
+from millcal.io.recipe_tables import FrfTable
+from millcal.io.recipes import Impact, Recipe
 from millcal.io.recordings import read_recording
 from millcal.io.results import read_result, write_result, write_results, write_text_atomically
 from millcal.io.summaries import summarise, value_at
@@ -33,7 +35,7 @@ from millcal.stages.stability import map_stability
 
 Progress = Callable[[float, str], None]  # share done in 0..1, what is being done
 
-RECORD_FILES = {"frf": "frf.h5", "modes": "modes.h5", "coefficients": "coefficients.h5", "stability": "stability.h5"}
+RECORD_FILES = {name: f"{name}.h5" for name in ("frf", "sensor", "modes", "coefficients", "stability")}
 FILES = ("cuts.h5", *RECORD_FILES.values(), "summary.json", "report.html")
 
 
@@ -42,7 +44,7 @@ class PipelineResult:
     """What a run found, or why it did not run."""
 
     summary: dict[str, Any]  # what summary.json holds
-    results: dict[str, Any] = field(default_factory=dict)  # cuts (tuple), frf, modes, coefficients, stability
+    results: dict[str, Any] = field(default_factory=dict)  # cuts (tuple), frf, sensor, modes, coefficients, stability
     notices: tuple[Notice, ...] = ()
     provenance: dict[str, Any] = field(default_factory=dict)
     skipped: bool = False  # the recipe's recordings are absent
@@ -66,7 +68,7 @@ def run(recipe: Recipe, out: Path, *, progress: Progress | None = None, seed: in
     if absent:
         _refuse_absent(recipe, absent[0])
     if not recipe.recordings:
-        raise RecipeError(f"{recipe.path}: no recordings to fit; name them under [[cuts]] or [impact]")
+        raise RecipeError(f"{recipe.path}: no recordings to fit; name them under [[cuts]], [impact] or [sensor]")
     out = Path(out)
     check_folder(out)
     seed = recipe.seed if seed is None else seed
@@ -84,17 +86,28 @@ def _stages(recipe: Recipe, seed: int, progress: Progress) -> tuple[dict[str, An
     results: dict[str, Any] = {}
     recordings: list[dict[str, Any]] = []
     notices: list[Notice] = []
-    taken: list[tuple[float, float]] = [(0.0, 0.6), (0.6, 0.8), (0.8, 0.9), (0.9, 1.0)]  # shares of the progress
+    taken: list[tuple[float, float]] = [
+        (0.0, 0.55),
+        (0.55, 0.7),
+        (0.7, 0.8),
+        (0.8, 0.9),
+        (0.9, 1.0),
+    ]  # shares of the progress
 
     if recipe.cuts:
         results["cuts"] = _cuts(recipe, _part(progress, *taken[0]), recordings, notices)
     if recipe.impact:
-        results["frf"] = _frf(recipe, _part(progress, *taken[1]), recordings, notices)
+        results["frf"] = _frf(recipe.impact, recipe.frf, _part(progress, *taken[1]), recordings, notices)
     elif recipe.structure:
         results["modes"] = recipe.structure.modes
+    if recipe.sensor_test:
+        tests = recipe.sensor_test
+        results["sensor"] = _frf(
+            tests, tests.frf, _part(progress, *taken[2]), recordings, notices, form="transmissibility"
+        )
     if recipe.cuts:
-        progress(taken[2][0], "coefficients")
-        sensor = read_result(recipe.sensor, Frf) if recipe.sensor else None
+        progress(taken[3][0], "coefficients")
+        sensor = read_result(recipe.sensor, Frf) if recipe.sensor else results.get("sensor")
         results["coefficients"] = fit_coefficients(results["cuts"], sensor=sensor, **recipe.coefficients.arguments())
         notices += results["coefficients"].notices
     if recipe.stability:
@@ -108,7 +121,7 @@ def _stages(recipe: Recipe, seed: int, progress: Progress) -> tuple[dict[str, An
                 results["coefficients"].posterior,
                 **_map_arguments(recipe, results["coefficients"]),
                 rng=np.random.default_rng(seed),
-                progress=_part(progress, *taken[3]),
+                progress=_part(progress, *taken[4]),
             )
             notices += results["stability"].notices
     return results, recordings, list(dict.fromkeys(notices))
@@ -140,18 +153,17 @@ def _cuts(recipe: Recipe, progress: Progress, recordings: list, notices: list[No
     return tuple(forces)
 
 
-def _frf(recipe: Recipe, progress: Progress, recordings: list, notices: list[Notice]) -> Frf:
-    """Read the impact tests and estimate the FRF."""
+def _frf(
+    impact: Impact, options: FrfTable, progress: Progress, recordings: list, notices: list[Notice], **more: str
+) -> Frf:
+    """Read impact tests and estimate their FRF.   more : arguments in place of the options'"""
     tests = []
-    for number, path in enumerate(recipe.impact.recordings):
-        share = 0.5 / len(recipe.impact.recordings)
-        tests.append(
-            read_recording(
-                path, setup=recipe.impact.setup, progress=_part(progress, number * share, (number + 1) * share)
-            )
-        )
+    share = 0.5 / len(impact.recordings)
+    for number, path in enumerate(impact.recordings):
+        part = _part(progress, number * share, (number + 1) * share)
+        tests.append(read_recording(path, setup=impact.setup, progress=part))
         _note(tests[-1], path, recordings, notices)
-    frf = estimate_frf(tests, progress=_part(progress, 0.5, 1.0), **recipe.frf.arguments())
+    frf = estimate_frf(tests, progress=_part(progress, 0.5, 1.0), **{**options.arguments(), **more})
     notices += frf.notices
     return frf
 
@@ -218,6 +230,7 @@ def _summary(
         "fit": fit or None,
         "stability": chart or None,
         "frf": summarise(results["frf"]) if "frf" in results else None,
+        "sensor": summarise(results["sensor"]) if "sensor" in results else None,
         "cuts": [summarise(cut) for cut in results.get("cuts", ())],
         "recordings": recordings,
         "warnings": [{"code": n.code, "message": n.message, "where": n.where} for n in notices],
@@ -307,8 +320,9 @@ def _refuse_absent(recipe: Recipe, path: Path) -> None:
     keys = {
         **{cut.recording: f"cuts.{number}.recording" for number, cut in enumerate(recipe.cuts)},
         **{
-            test: f"impact.recordings.{number}"
-            for number, test in enumerate(recipe.impact.recordings if recipe.impact else ())
+            test: f"{key}.recordings.{number}"
+            for key, tests in (("impact", recipe.impact), ("sensor", recipe.sensor_test))
+            for number, test in enumerate(tests.recordings if tests else ())
         },
     }
     where = recipe.where(keys.get(path, "coefficients.sensor"))
@@ -322,7 +336,16 @@ def _at_its_line(recipe: Recipe) -> Iterator[None]:
         yield
     except (RecipeError, IllPosedError) as problem:
         key, _, rest = str(problem).partition(": ")
-        if key.split(".")[0] not in ("cuts", "impact", "conditioning", "frf", "coefficients", "stability", "structure"):
+        if key.split(".")[0] not in (
+            "cuts",
+            "impact",
+            "conditioning",
+            "frf",
+            "sensor",
+            "coefficients",
+            "stability",
+            "structure",
+        ):
             raise
         raise _same_kind(problem, f"{recipe.where(key)}: {rest}") from None
 

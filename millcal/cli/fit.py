@@ -59,7 +59,7 @@ def _text(title: str, found: Any, report: Path) -> str:
 
     parts = [
         title,
-        *(brief_of(found.results[name]) for name in ("frf", "coefficients", "stability") if name in found.results),
+        *(brief_of(found.results[name]) for name in ("frf", "sensor", "coefficients", "stability") if name in found.results),
     ]
     if found.summary["expect"]:
         lines = [

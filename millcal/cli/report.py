@@ -25,7 +25,7 @@ def report(
     from millcal.io.results import read_provenance, read_result, read_results, write_text_atomically
     from millcal.report.page import render
 
-    types = {"frf": Frf, "modes": Modes, "coefficients": Coefficients, "stability": StabilityMap}
+    types = {"frf": Frf, "sensor": Frf, "modes": Modes, "coefficients": Coefficients, "stability": StabilityMap}
     files = [folder / f"{name}.h5" for name in ("cuts", *types)]
     there = [file for file in files if file.is_file()]
     if not there:

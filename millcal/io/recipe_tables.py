@@ -62,6 +62,19 @@ class FrfTable(Table):
     resolution_hz: Positive | None = Field(None, description="distance of the lines at most, Hz, by adding zeros")
 
 
+class SensorTable(ImpactTable):
+    """Impact tests on the dynamometer itself, whose force channels have the role response."""
+
+    frf: FrfTable = Field(default_factory=FrfTable, description="options of the estimate of its transmissibility")
+
+    @field_validator("frf")
+    @classmethod
+    def _of_forces(cls, frf: FrfTable) -> FrfTable:
+        if frf.form not in (None, "transmissibility"):
+            raise ValueError(f"form = {frf.form!r}: a dynamometer's FRF is a transmissibility; leave the form out")
+        return frf
+
+
 class CoefficientsTable(Table):
     """Options of the identification."""
 
@@ -78,7 +91,7 @@ class CoefficientsTable(Table):
         description="teeth that miss the cut by runout: report them, fit the runout with the coefficients, or off",
     )
     mean_weight: Positive = Field(5.0, description="weight of the mean force beside one harmonic")
-    sensor: str | None = Field(None, description="FRF file of the dynamometer: force out over force in, N/N")
+    sensor: str | None = Field(None, description="FRF file of the dynamometer, N/N; or give its tests in [sensor]")
 
 
 class StabilityTable(Table):
@@ -120,6 +133,7 @@ class RecipeTables(SourceTables):
     impact: ImpactTable | None = Field(None, description="impact tests at the tool tip")
     frf: FrfTable = Field(default_factory=FrfTable, description="options of the FRF estimate")
     structure: StructureTable | None = Field(None, description="dynamics given by hand")
+    sensor: SensorTable | None = Field(None, description="impact tests on the dynamometer, for the fit")
     coefficients: CoefficientsTable = Field(
         default_factory=CoefficientsTable, description="options of the identification"
     )

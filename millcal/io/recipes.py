@@ -24,6 +24,7 @@ from millcal.io.recipe_tables import (
     CoefficientsTable,
     ConditioningTable,
     FrfTable,
+    ImpactTable,
     RecipeTables,
     StabilityTable,
 )
@@ -75,6 +76,13 @@ class Impact:
 
 
 @dataclass(frozen=True)
+class SensorTest(Impact):
+    """Impact tests on the dynamometer."""
+
+    frf: FrfTable
+
+
+@dataclass(frozen=True)
 class Structure:
     """Dynamics given by hand."""
 
@@ -101,6 +109,7 @@ class Recipe:
     simulate: SimulateTable | None
     expect: dict[str, tuple[float, float] | str]
     sensor: Path | None  # FRF of the dynamometer, a result file
+    sensor_test: SensorTest | None  # or the impact tests it is estimated from
     document: Document = field(repr=False)
 
     @property
@@ -119,7 +128,7 @@ class Recipe:
     def recordings(self) -> tuple[Path, ...]:
         """Every file the recipe reads, each once, in the recipe's order."""
         impact = self.impact.recordings if self.impact else ()
-        sensor = (self.sensor,) if self.sensor else ()
+        sensor = (self.sensor,) if self.sensor else self.sensor_test.recordings if self.sensor_test else ()
         return tuple(dict.fromkeys([*(cut.recording for cut in self.cuts), *impact, *sensor]))
 
     def where(self, key: str) -> str:
@@ -132,11 +141,13 @@ def read_recipe(path: Path) -> Recipe:
     document = read_toml(path)
     tables = validated(RecipeTables, document)
     cutter = tables.cutter.cutter() if tables.cutter else None
-    if not tables.cuts and tables.impact is None and tables.simulate is None:
-        document.refuse((), "no [[cuts]], no [impact] and no [simulate]; name at least one recording")
+    if not tables.cuts and not any((tables.impact, tables.sensor, tables.simulate)):
+        document.refuse((), "no [[cuts]], no [impact], no [sensor] and no [simulate]; name at least one recording")
     if tables.stability is not None:
         _check_stability(document, tables)
     sensor = tables.coefficients.sensor
+    if sensor and tables.sensor:
+        document.refuse(("coefficients", "sensor"), "the dynamometer is given twice; keep this key or [sensor]")
     return Recipe(
         path=document.path,
         text=document.text,
@@ -145,7 +156,7 @@ def read_recipe(path: Path) -> Recipe:
         cutter=cutter,
         cuts=tuple(_cut(document, number, tables, cutter) for number in range(len(tables.cuts))),
         setup=_setup(tables, document, cutter=cutter, kind="cut"),
-        impact=_impact(document, tables),
+        impact=Impact(**_tests(document, "impact", tables.impact)) if tables.impact else None,
         structure=_structure(tables),
         conditioning=tables.conditioning,
         frf=tables.frf,
@@ -154,6 +165,9 @@ def read_recipe(path: Path) -> Recipe:
         simulate=tables.simulate,
         expect=tables.expect,
         sensor=_path(document, ("coefficients", "sensor"), sensor) if sensor else None,
+        sensor_test=SensorTest(**_tests(document, "sensor", tables.sensor), frf=tables.sensor.frf)
+        if tables.sensor
+        else None,
         document=document,
     )
 
@@ -219,12 +233,11 @@ def _cut(document: Document, number: int, tables: RecipeTables, cutter: Cutter |
     )
 
 
-def _impact(document: Document, tables: RecipeTables) -> Impact | None:
-    if tables.impact is None:
-        return None
-    names = enumerate(tables.impact.recordings)
-    paths = tuple(_path(document, ("impact", "recordings", number), name) for number, name in names)
-    return Impact(recordings=paths, setup=_setup(tables.impact, document, kind="impact"))
+def _tests(document: Document, key: str, table: ImpactTable) -> dict[str, Any]:
+    """Recordings of impact tests and how to read them."""
+    names = enumerate(table.recordings)
+    paths = tuple(_path(document, (key, "recordings", number), name) for number, name in names)
+    return {"recordings": paths, "setup": _setup(table, document, kind="impact")}
 
 
 def _structure(tables: RecipeTables) -> Structure | None:

@@ -223,7 +223,7 @@ def test_a_mistake_is_one_line_with_file_line_and_key(kind, tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "no [[cuts]], no [impact] and no [simulate]"),
+        ("", "no [[cuts]], no [impact], no [sensor] and no [simulate]"),
         ('[cutter]\ndiameter_mm = 3\nteeth = 1\n[impact]\nrecordings = []\n', "impact.recordings"),
         ('[[cuts]]\nrecording = "a"\nspindle_speed_rpm = 1\nfeed_per_tooth_mm = 1\naxial_depth_mm = 1\n'
          'direction = "slot"\n', "conditions without a cutter"),

@@ -6,8 +6,9 @@ stands here; the methods are functions in a dict.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
-from millcal.data import Coefficients, CutForce, Frf
+from millcal.data import Coefficients, CutForce, Frf, Notice
 from millcal.errors import IllPosedError, RecipeError
 from millcal.stages.coefficients.instantaneous import LAW_NAMES, instantaneous
 from millcal.stages.coefficients.mean_force import average_force
@@ -29,7 +30,8 @@ def fit_coefficients(
 
     method : average or nls   law : linear-edge or kienzle (nls only)
     rows : whole-revolutions, or all rows of the steady part (average only, to compare with others' numbers)
-    taper : let the runout vary along the axis (nls)   harmonics : highest harmonic used (nls; default: the tooth passing)
+    taper : let the runout vary along the axis (nls)   harmonics : highest harmonic used (nls; default: the tooth passing,
+        or with a sensor all that its FRF covers)
     contact_loss : report (look for it and say so), fit (the runout c0 is an unknown like the others), off (average)
     mean_weight : weight of the mean forces against the harmonics (nls); 1 where offsets are suspect
     sensor : measured transmissibility of the dynamometer, N/N (nls)
@@ -53,7 +55,11 @@ def fit_coefficients(
         "average": {"law": law, "rows": rows, "contact_loss": contact_loss},
         "nls": {"law": law, "taper": taper, "harmonics": harmonics, "mean_weight": mean_weight, "sensor": sensor},
     }
-    return METHODS[method](tuple(cuts), **own[method])
+    found = METHODS[method](tuple(cuts), **own[method])
+    if sensor is not None and method == "average":
+        message = "mean forces are forces at rest, where a dynamometer's gain is 1: the sensor's FRF is not used"
+        found = replace(found, notices=(*found.notices, Notice("sensor-unused", message, "coefficients.method")))
+    return found
 
 
 METHODS: dict[str, Callable[..., Coefficients]] = {"average": average_force, "nls": instantaneous}

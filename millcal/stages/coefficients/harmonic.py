@@ -10,8 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from millcal.data import CutForce, Frf, Notice
-from millcal.errors import IllPosedError
+from millcal.data import CutForce
 from millcal.numerics.jackknife import jackknife_covariance
 from millcal.numerics.separable_least_squares import solve_linear
 from millcal.physics.cutting_force import Kienzle
@@ -20,7 +19,6 @@ from millcal.stages.coefficients.harmonic_model import (
     LARGEST_RUNOUT,
     HarmonicFit,
     HarmonicModel,
-    Sensor,
     modelled_harmonics,
     problem,
     refine,
@@ -166,50 +164,3 @@ def parameters(fit: HarmonicFit) -> np.ndarray:
 def left_out_covariance(found: HarmonicStudy) -> np.ndarray:
     """Jackknife over cuts.   returns (q + shape, q + shape)"""
     return jackknife_covariance(np.stack([parameters(fit) for fit in found.left_out]))
-
-
-def interpolated_sensor(frf: Frf) -> Sensor:
-    """A measured transmissibility of the dynamometer as a function of frequency, axes matched by the last letter of the dofs.
-
-    Raises
-    ------
-    IllPosedError
-        The FRF is no transmissibility (N/N), or an axis is missing.
-    """
-    if frf.form != "transmissibility":
-        raise IllPosedError(
-            f"frf: the sensor's FRF is in the form {frf.form!r}; a dynamometer in the model needs force over force (N/N): "
-            "measure the hammer's force against the dynamometer's channels"
-        )
-    rows = [next((i for i, dof in enumerate(frf.outputs) if dof[-1:].lower() == axis), None) for axis in "xyz"]
-    columns = [next((i for i, dof in enumerate(frf.inputs) if dof[-1:].lower() == axis), None) for axis in "xyz"]
-    usable = np.isfinite(frf.values).all(axis=(1, 2))
-    line = frf.frequency[usable]
-
-    def gain(frequency: np.ndarray) -> np.ndarray:
-        total = np.zeros((3, 3, len(frequency)), complex)
-        for i, row in enumerate(rows):
-            for j, column in enumerate(columns):
-                if row is None or column is None:
-                    total[i, j] = 1.0 if i == j else 0.0
-                    continue
-                value = frf.values[usable, row, column]
-                total[i, j] = np.interp(frequency, line, value.real) + 1j * np.interp(frequency, line, value.imag)
-        total[:, :, frequency < frf.usable_band[0]] = np.eye(3)[
-            :, :, np.newaxis
-        ]  # below the band a stiff sensor has gain 1
-        return total
-
-    return gain
-
-
-def sensor_band_notice(frf: Frf, cuts: Sequence[CutForce], band: int) -> tuple[Notice, ...]:
-    """Say where harmonics of the fit lie above what the sensor's FRF covers."""
-    highest = max(cut.spindle_frequency for cut in cuts) * band
-    if highest <= frf.usable_band[1]:
-        return ()
-    message = (
-        f"harmonics up to {highest:.0f} Hz lie above the sensor FRF's usable band, {frf.usable_band[1]:.0f} Hz; "
-        "use fewer harmonics"
-    )
-    return (Notice("sensor-band", message, "frf"),)

@@ -149,7 +149,7 @@ def modelled_harmonics(fit: HarmonicFit, cut: CutForce, phase: float, band: int)
     return force * np.exp(1j * np.arange(band + 1) * phase)
 
 
-def _rows(model: HarmonicModel, harmonics: np.ndarray) -> np.ndarray:
+def rows_of_harmonics(model: HarmonicModel, harmonics: np.ndarray) -> np.ndarray:
     """Complex harmonics as weighted real rows: the mean, then Re and Im over sqrt 2 (Parseval).   (axis, k, ...) -> (rows, ...)"""
     factor = np.concatenate([[model.mean_weight], np.full(model.band, np.sqrt(0.5))])
     weighted = harmonics * (model.weight[:, np.newaxis] * factor).reshape(3, -1, *[1] * (harmonics.ndim - 2))
@@ -213,11 +213,11 @@ def problem(model: HarmonicModel) -> Problem:
     lower, upper, scale = _limits(model, n_phase)
     pull = np.zeros(len(scale))
     pull[n_shape + 2 * n_sensor // 3 : n_shape + n_sensor] = RESIDUE_RIDGE
-    data = np.concatenate([_rows(model, cut.harmonics[:, : band + 1]) for cut in cuts])
+    data = np.concatenate([rows_of_harmonics(model, cut.harmonics[:, : band + 1]) for cut in cuts])
     spread = [np.sqrt(cut.harmonics_variance[:, : band + 1] / 2) * (1 + 1j) for cut in cuts]
     for value in spread:
         value[:, 0] *= np.sqrt(2)  # the whole variance of the mean is real
-    noise = np.concatenate([_rows(model, value) for value in spread]) ** 2
+    noise = np.concatenate([rows_of_harmonics(model, value) for value in spread]) ** 2
 
     def seen(p: np.ndarray) -> list[np.ndarray]:
         phases = np.broadcast_to(p[n_shape + n_sensor :], (len(cuts),))
@@ -230,7 +230,7 @@ def problem(model: HarmonicModel) -> Problem:
         return columns
 
     def matrix(p: np.ndarray) -> np.ndarray:
-        return np.concatenate([_rows(model, columns) for columns in seen(p)])
+        return np.concatenate([rows_of_harmonics(model, columns) for columns in seen(p)])
 
     def derivative(p: np.ndarray, q: np.ndarray) -> np.ndarray:
         slope = np.zeros((len(data), len(p)))
@@ -242,7 +242,7 @@ def problem(model: HarmonicModel) -> Problem:
         block = len(data) // len(cuts)
         for f, columns in enumerate(seen(p)):
             column = n_shape + n_sensor + (0 if model.common_phase else f)
-            slope[f * block : (f + 1) * block, column] += _rows(model, columns @ q * 1j * order)
+            slope[f * block : (f + 1) * block, column] += rows_of_harmonics(model, columns @ q * 1j * order)
         return slope
 
     return Problem(data, noise, matrix, derivative, lower, upper, scale, pull)
@@ -287,23 +287,26 @@ def refine(start: HarmonicFit) -> HarmonicFit:
     )
 
 
-def noise_covariance(fit: HarmonicFit) -> np.ndarray:
-    """Covariance of (linear, shape) that the noise within the records alone would give.   returns (q + shape, q + shape)"""
+def slopes(fit: HarmonicFit) -> np.ndarray:
+    """Weighted rows of the fit by each unknown: linear, shape, sensor, phase.   returns (row, unknown)"""
     ask = problem(fit.model)
     p = _unknowns(fit)
-    slope = np.concatenate([ask.matrix(p), ask.derivative(p, fit.linear)], axis=1)
+    return np.concatenate([ask.matrix(p), ask.derivative(p, fit.linear)], axis=1)
+
+
+def noise_covariance(fit: HarmonicFit) -> np.ndarray:
+    """Covariance of (linear, shape) that the noise within the records alone would give.   returns (q + shape, q + shape)"""
+    slope, noise = slopes(fit), problem(fit.model).noise
     scale = np.linalg.norm(slope, axis=0)
     scale = np.where(scale > 0, scale, 1.0)
     inverse = np.linalg.pinv(slope / scale, rcond=1e-10) / scale[:, np.newaxis]
     n = len(fit.linear) + len(fit.shape)
-    return ((inverse * ask.noise) @ inverse.T)[:n, :n]
+    return ((inverse * noise) @ inverse.T)[:n, :n]
 
 
 def condition(fit: HarmonicFit) -> tuple[float, np.ndarray]:
     """Condition number of the scaled slopes of all unknowns, and the direction least seen.   returns number, (q + shape + ...,)"""
-    ask = problem(fit.model)
-    p = _unknowns(fit)
-    slope = np.concatenate([ask.matrix(p), ask.derivative(p, fit.linear)], axis=1)
+    slope = slopes(fit)
     scale = np.linalg.norm(slope, axis=0)
     _, values, vectors = np.linalg.svd(slope / np.where(scale > 0, scale, 1.0), full_matrices=False)
     return float(values[0] / max(values[-1], 1e-300)), vectors[-1]

@@ -12,17 +12,16 @@ from millcal.stages.coefficients import average, verdict
 from millcal.stages.coefficients.answer import NO_AIR_CUT, Alternative, alternative, answer
 from millcal.stages.coefficients.harmonic import (
     HarmonicStudy,
-    interpolated_sensor,
     left_out_covariance,
     parameters,
     predict,
     ratio,
     search,
-    sensor_band_notice,
     study,
 )
 from millcal.stages.coefficients.harmonic_model import condition, model_of, modelled_harmonics, noise_covariance
 from millcal.stages.coefficients.resonance import diagnose
+from millcal.stages.coefficients.sensor import interpolated_sensor, sensor_covariance, within_reach
 
 LAW_NAMES = {
     "linear-edge": (average.NAMES, average.UNITS),
@@ -42,18 +41,20 @@ def instantaneous(
 ) -> Coefficients:
     """The fit, its intervals, its checks and what other models say; options as in `fit_coefficients`."""
     teeth = cuts[0].cutter.teeth
+    gain, of_sensor = None, []
+    if sensor is not None:
+        gain = interpolated_sensor(sensor)
+        cuts, harmonics, of_sensor = within_reach(sensor, cuts, harmonics)
     saved = min(cut.harmonics.shape[1] for cut in cuts) - 1
     band = min(saved, harmonics if harmonics is not None else max(teeth, 2))
     if band < 1:
         raise IllPosedError(f"coefficients.harmonics: {band} leaves no force within the revolution; use 1 or more")
-    gain = None if sensor is None else interpolated_sensor(sensor)
     model = model_of(cuts, law=law, band=band, mean_weight=mean_weight, taper=taper and teeth > 1, sensor=gain)
     found = study(model)
     best = found.best
-    posterior, notices = _posterior(found, law)
+    posterior, notices = _posterior(found, law, sensor)
     notices += _what_is_not_seen(found, posterior.names)
-    if sensor is not None:
-        notices += sensor_band_notice(sensor, cuts, band)
+    notices += of_sensor
     if not any(cut.air for cut in cuts):
         notices.append(NO_AIR_CUT)
 
@@ -70,7 +71,7 @@ def instantaneous(
             alternatives.append(diagnosis[1])
     feeds = [cut.conditions.feed_per_tooth for cut in cuts]
     if law == "linear-edge" and found.left_out and np.ptp(feeds) > 0.02 * max(feeds):
-        more_checks, others = _other_models(found, saved)
+        more_checks, others = _other_models(found, saved, sensor)
         checks += more_checks
         alternatives = others + alternatives
         notices += average.axis_map_notices(cuts, average.mean_forces(cuts, "whole-revolutions"))
@@ -100,8 +101,11 @@ def instantaneous(
     )
 
 
-def _posterior(found: HarmonicStudy, law: str) -> tuple[Posterior, list[Notice]]:
-    """Jackknife over the cuts where there are three; else the noise within the records, with a warning."""
+def _posterior(found: HarmonicStudy, law: str, sensor: Frf | None) -> tuple[Posterior, list[Notice]]:
+    """Jackknife over the cuts where there are three; else the noise within the records, with a warning.
+
+    The noise of the sensor's FRF, which no comparison of cuts can show, comes on top.
+    """
     best = found.best
     names, units = LAW_NAMES[law]
     n = len(best.model.cuts)
@@ -115,6 +119,8 @@ def _posterior(found: HarmonicStudy, law: str) -> tuple[Posterior, list[Notice]]
             "narrower than the scatter of cuts; add cuts to have three or more"
         )
         notices.append(Notice("narrow-intervals", message, "cuts"))
+    if sensor is not None:
+        covariance = covariance + sensor_covariance(best, sensor)
     mean = parameters(best)
     half = student_quantile(dof) * np.sqrt(np.diag(covariance))
     posterior = Posterior(
@@ -130,7 +136,7 @@ def _posterior(found: HarmonicStudy, law: str) -> tuple[Posterior, list[Notice]]
     return posterior, notices
 
 
-def _other_models(found: HarmonicStudy, saved: int) -> tuple[list[Check], list[Alternative]]:
+def _other_models(found: HarmonicStudy, saved: int, sensor: Frf | None) -> tuple[list[Check], list[Alternative]]:
     """What mean forces alone, alternating force alone and all harmonics say, and whether they agree."""
     best = found.best
     model, cuts = best.model, best.model.cuts
@@ -139,6 +145,7 @@ def _other_models(found: HarmonicStudy, saved: int) -> tuple[list[Check], list[A
     plain, teeth = average.solve_means(cuts, forces, 0.0), cuts[0].cutter.teeth
     means, loss = average.search_contact_loss(cuts, forces) if teeth > 1 else (plain, average.NO_CONTACT_LOSS)
     ac_only = study(replace(model, mean_weight=0.0), near=best)
+    of_sensor = None if sensor is None else np.sqrt(np.diag(sensor_covariance(ac_only.best, sensor))[[0, 3]])
     # the contact loss of the means is that of this fit where one c0 says it all; with more teeth the means decide
     runout = float(best.shape[0]) if teeth == 2 else loss.runout
     ktc = {"this fit": float(best.linear[0]), "mean forces": float((means if loss.explains else plain).coefficients[0])}
@@ -155,7 +162,7 @@ def _other_models(found: HarmonicStudy, saved: int) -> tuple[list[Check], list[A
         alternatives.append(alternative(f"harmonics to {saved}", dict(zip(names, parameters(wide), strict=True))))
     checks = [
         verdict.check_means(cuts, plain, loss),
-        verdict.check_means_against_ac(runout, found, ac_only),
+        verdict.check_means_against_ac(runout, found, ac_only, of_sensor),
         verdict.check_spread(ktc),
     ]
     return checks, alternatives

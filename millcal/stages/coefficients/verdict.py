@@ -173,11 +173,15 @@ def check_contact_of_means(loss: ContactLoss, *, fitted: bool) -> Check:
     return Check("contact-loss", False, f"teeth lose contact by runout ({size}), which biases the straight line")
 
 
-def check_means_against_ac(means_runout: float, whole: HarmonicStudy, ac_only: HarmonicStudy) -> Check:
+def check_means_against_ac(
+    means_runout: float, whole: HarmonicStudy, ac_only: HarmonicStudy, sensor_sd: np.ndarray | None = None
+) -> Check:
     """Coefficients of the means alone against those of the alternating force alone.
 
     The difference is formed for every set of cuts with one left out, and its jackknife deviation judges it; the tangential
     pair Ktc, Kte at 95 % together (Bonferroni). An offset of the amplifier, or a law that is wrong, makes them disagree.
+
+    sensor_sd : what the noise of a sensor's FRF adds to Ktc and Kte of the alternating force, the same in every set, (2,)
     """
     cuts = whole.best.model.cuts
     forces = mean_forces(cuts, "whole-revolutions")
@@ -191,6 +195,8 @@ def check_means_against_ac(means_runout: float, whole: HarmonicStudy, ac_only: H
     spread = np.sqrt(np.diag(jackknife_covariance(
         np.stack([difference(np.delete(every, i), fit.linear) for i, fit in enumerate(ac_only.left_out)])
     )))  # fmt: skip
+    if sensor_sd is not None:
+        spread = np.hypot(spread, sensor_sd)
     limit = student_quantile(len(cuts) - 1, 1 - 0.05 / 2)
     floor = 0.02 * np.abs(ac_only.best.linear[[0, 3]])  # two per cent is no contradiction, however quiet the record
     agree = np.abs(gap) <= np.maximum(limit * spread, floor)
