@@ -146,3 +146,35 @@ def test_mistakes_end_in_one_line_and_write_nothing(run, tmp_path, arguments, co
     assert err.count("\n") == 1
     assert word in err
     assert not (tmp_path / "frf.h5").exists()
+
+
+def test_force_channels_named_as_responses_give_a_transmissibility(run, tmp_path):
+    """A text of hammer and dynamometer, which says nothing of who answers whom."""
+    from millcal.physics.measuring_chain import MeasuringChain
+    from millcal.simulation import simulate_impact
+
+    chain = MeasuringChain(resonance=(700.0,) * 3, damping_ratio=(0.05,) * 3, noise=0.5)
+    options = {"hits": 3, "record": 0.5, "peak": 800.0, "pulse": 1e-3, "layout": "continuous", "sample_rate": 5000.0}
+    recording, _ = simulate_impact((), rng=np.random.default_rng(3), hammer="tipX", dynamometer=chain, **options)
+    path = tmp_path / "tap.csv"
+    time = np.arange(recording.samples.shape[1]) / recording.sample_rate
+    header = "Time [s],Hammer [N],Fx [N],Fy [N],Fz [N]"
+    np.savetxt(path, np.c_[time, recording.samples.T], delimiter=",", fmt="%.5f", header=header, comments="")
+    stated = ("--map", "hammer@tipX=Hammer", "--map", "fx=Fx")
+    code, _, err = run(path, *stated, "-o", tmp_path / "frf.h5")
+    assert code == 3
+    assert "--response" in err
+    code, out, err = run(path, *stated, "--response", "fx", "-o", tmp_path / "frf.h5")
+    assert (code, err.count("error")) == (0, 0)
+    assert "transmissibility" in out
+    frf = read_result(tmp_path / "frf.h5", Frf)
+    assert (frf.form, frf.outputs, frf.inputs) == ("transmissibility", ("tipX",), ("tipX",))
+    assert abs(frf.values[np.argmin(np.abs(frf.frequency - 700)), 0, 0]) == pytest.approx(10.0, rel=0.1)
+    code, _, err = run(path, *stated, "--response", "fq", "-o", tmp_path / "no.h5")
+    assert code == 2
+    assert "'fq'" in err
+    setup = tmp_path / "setup.toml"
+    setup.write_text("[map]\n'hammer@tipX' = '+Hammer'\nfx = '+Fx'\n[channels.fx]\nrole = 'response'\n")
+    code, _, _ = run(path, "--setup", setup, "-o", tmp_path / "again.h5")
+    assert code == 0
+    np.testing.assert_array_equal(read_result(tmp_path / "again.h5", Frf).values, frf.values)

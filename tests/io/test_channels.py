@@ -94,6 +94,26 @@ def test_a_table_of_a_setup_renames_scales_and_gives_the_range():
     assert (selection.time, selection.time_scale) == (0, 1e-3)
 
 
+def test_a_table_says_which_force_answers_the_hammer_and_the_map_which_column_it_is():
+    columns = (Column("Time", "s"), Column("Ch1", "N"), Column("Ch2", "N"))
+    selection = chosen(
+        columns,
+        mapping={"hammer@tipX": "Ch1", "fx": "-Ch2"},
+        tables={"fx": ChannelTable(role="response"), "hammer": ChannelTable(role="hammer")},
+    )
+    assert not selection.problems
+    assert [(c.name, c.dof, c.role) for c in selection.channels] == [
+        ("hammer", "tipX", "hammer"),
+        ("fx", "tipX", "response"),
+    ]
+    assert selection.gains.tolist() == [1, -1]
+
+
+def test_only_a_force_can_be_the_hammer():
+    selection = chosen((Column("a", "g"),), tables={"a": ChannelTable(role="hammer")})
+    assert "hammer is for a force" in selection.problems[0]
+
+
 def test_a_unit_of_another_kind_than_the_quantity_is_told():
     tables = {"a": ChannelTable(quantity="force")}
     assert "is in g, which is no force" in chosen((Column("a", "g"),), tables=tables).problems[0]

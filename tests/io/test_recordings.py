@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from millcal.data import Channel, Recording
+from millcal.errors import RecordingError
 from millcal.io import samples
 from millcal.io.air_cut import without_offset
 from millcal.io.recordings import join_recordings, read_recording, write_recording
@@ -46,6 +47,17 @@ def test_what_is_written_is_read_back(tmp_path):
     assert back.cutter.pitch == pytest.approx(cutter.pitch)
     assert back.cutter.runout == pytest.approx(cutter.runout)
     assert back.notices == ()
+
+
+def test_which_force_answers_the_hammer_is_written_and_read_back(tmp_path):
+    channels = (Channel("hammer", "force", "N", "tipX"), Channel("fx", "force", "N", "tipX", role="response"))
+    write_recording(tmp_path / "tap.h5", cut(channels=channels, kind="impact"))
+    assert read_recording(tmp_path / "tap.h5").channels == channels
+    with h5py.File(tmp_path / "tap.h5", "a") as file:
+        assert (file["channels/fx"].attrs["role"], "role" in file["channels/hammer"].attrs) == ("response", False)
+        file["channels/fx"].attrs["role"] = "output"
+    with pytest.raises(RecordingError, match="channel 'fx': a force cannot have the role 'output'"):
+        read_recording(tmp_path / "tap.h5")
 
 
 def test_the_layout_is_that_of_the_contract(tmp_path):

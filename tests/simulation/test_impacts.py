@@ -107,3 +107,28 @@ def test_in_a_continuous_recording_the_structure_still_moves_when_it_is_hit_agai
 def test_the_same_seed_gives_the_same_samples():
     assert np.array_equal(impact(seed=3)[0].samples, impact(seed=3)[0].samples)
     assert not np.array_equal(impact(seed=3)[0].samples, impact(seed=4)[0].samples)
+
+
+def test_a_hit_on_a_dynamometer_shows_its_transfer_function_to_rounding_and_cross_talk_with_it():
+    chain = MeasuringChain(resonance=(975.0, 790.0, 1000.0), damping_ratio=(0.02, 0.03, 0.05), cross_talk=0.02)
+    for axis, dof in enumerate(("tipX", "tipY", "tipZ")):
+        record = record_of_pulses([Pulse(0.0100137, 0.25e-3, 300.0)], (), dof, (), RATE, 1 << 15, dynamometer=chain)
+        assert record.shape == (4, 1 << 15)
+        spectra = np.fft.rfft(record, axis=1)
+        frequency = np.fft.rfftfreq(record.shape[1], 1 / RATE)
+        band = frequency < 5000
+        expected = chain.transfer(frequency, 3)[:, axis]
+        assert np.abs(spectra[1:] / spectra[0] - expected)[:, band].max() < 1e-6 * np.abs(expected[:, band]).max()
+        assert expected[axis, 0] == 1.0
+
+
+def test_the_dynamometer_s_channels_say_that_they_answer_the_hammer():
+    recording, truth = impact(hits=2, dynamometer=MeasuringChain(full_scale=4000.0))
+    assert [(c.name, c.role) for c in recording.channels[:4]] == [
+        ("hammer", None),
+        ("fx", "response"),
+        ("fy", "response"),
+        ("fz", "response"),
+    ]
+    assert truth["outputs"] == ["tipX", "tipY", "tipZ", *DOFS]
+    assert recording.samples.shape[0] == 4 + len(DOFS)

@@ -68,8 +68,9 @@ def sensor_variance(frf: Frf, frequency: np.ndarray) -> np.ndarray:
             continue
         line, value = frf.frequency[known], frf.variance[known, o, c]
         total[i, j] = np.interp(frequency, line, value)
-        few = value[_at_rest(frf, line)]
-        total[i, j, frequency == 0] = 0.0 if i == j or not len(few) else few.mean() * min(1.0, ALIKE / len(few))
+        if frf.usable_band[0] > 0:
+            few = value[_at_rest(frf, line)]
+            total[i, j, frequency == 0] = 0.0 if i == j or not len(few) else few.mean() * min(1.0, ALIKE / len(few))
     return total
 
 
