@@ -8,13 +8,17 @@ import sys
 import time
 
 import h5py
+import numpy as np
 import pytest
 
 from millcal import pipeline
 from millcal.data import Coefficients, CutForce, Frf, StabilityMap
 from millcal.errors import MillcalError, RecipeError, RecordingError
 from millcal.io.recipes import read_recipe
+from millcal.io.recordings import write_recording
 from millcal.io.results import read_provenance, read_result, read_results
+from millcal.physics.measuring_chain import MeasuringChain
+from millcal.simulation import simulate_impact
 
 
 def bytes_of(folder):
@@ -284,3 +288,61 @@ def test_a_killed_run_leaves_a_whole_result_or_none(delay, small_recipe, tmp_pat
         assert {path.name for path in out.iterdir()} == {"cuts.h5", "coefficients.h5", "summary.json", "report.html"}
         read_result(out / "coefficients.h5", Coefficients)
         json.loads((out / "summary.json").read_text())
+
+
+SENSOR = """\
+[cutter]
+diameter_mm = 16
+teeth = 2
+helix_deg = 30
+
+[[cuts]]
+recording = "cut-0.h5"
+[[cuts]]
+recording = "cut-1.h5"
+[[cuts]]
+recording = "cut-2.h5"
+
+[sensor]
+recordings = ["hits.h5"]
+"""
+
+
+@pytest.fixture
+def hits_on_the_dynamometer(recordings_folder):
+    """An impact test on the dynamometer of the small cuts, along x."""
+    chain = MeasuringChain(resonance=(400.0, 900.0, 900.0), damping_ratio=(0.1, 0.1, 0.1), noise=0.5)
+    options = {"hits": 4, "record": 0.2, "peak": 800.0, "pulse": 1e-3, "sample_rate": 5000.0}
+    test, _ = simulate_impact((), rng=np.random.default_rng(2), hammer="tipX", dynamometer=chain, **options)
+    path = recordings_folder / "hits.h5"
+    write_recording(path, test)
+    yield path
+    path.unlink(missing_ok=True)
+
+
+def test_hits_on_the_dynamometer_become_the_sensor_of_the_fit(small_recipe, hits_on_the_dynamometer, tmp_path):
+    found = pipeline.run(read_recipe(small_recipe(SENSOR)), tmp_path / "out")
+    sensor = read_result(tmp_path / "out" / "sensor.h5", Frf)
+    assert (sensor.form, sensor.inputs) == ("transmissibility", ("tipX",))
+    assert found.summary["sensor"]["form"] == "transmissibility"
+    assert found.summary["fit"]["harmonics"][1] == int(sensor.usable_band[1] / 100)
+    assert "hits.h5" in str(list(found.provenance["inputs"]))
+    # the same by way of a file
+    text = SENSOR.replace('[sensor]\nrecordings = ["hits.h5"]', f'[coefficients]\nsensor = "{tmp_path}/out/sensor.h5"')
+    again = pipeline.run(read_recipe(small_recipe(text)), tmp_path / "again")
+    assert again.summary["coefficients"] == found.summary["coefficients"]
+    # and it matters, for the cuts were not made on that dynamometer
+    plain = pipeline.run(read_recipe(small_recipe(SENSOR.split("[sensor]")[0])), tmp_path / "plain")
+    assert plain.summary["coefficients"] != found.summary["coefficients"]
+
+
+def test_a_mistake_about_the_sensor_is_told_at_its_line(small_recipe, hits_on_the_dynamometer, tmp_path):
+    with pytest.raises(RecordingError, match=r"small.toml:14: sensor.recordings.0: .*gone.h5 is absent"):
+        pipeline.run(read_recipe(small_recipe(SENSOR.replace("hits.h5", "gone.h5"))), tmp_path / "out")
+    with pytest.raises(RecordingError, match="role = 'response'"):
+        pipeline.run(read_recipe(small_recipe(SENSOR.replace("hits.h5", "tap-x.h5"))), tmp_path / "out")
+    with pytest.raises(RecipeError, match=r"small.toml:16: .*given twice; keep this key or \[sensor\]"):
+        read_recipe(small_recipe(SENSOR + '[coefficients]\nsensor = "sensor.h5"\n'))
+    with pytest.raises(RecipeError, match="is a transmissibility; leave the form out"):
+        read_recipe(small_recipe(SENSOR + '[sensor.frf]\nform = "mobility"\n'))
+    assert not (tmp_path / "out").exists()
