@@ -39,7 +39,7 @@ _TEMPLATES.filters["indices"] = _with_indices
 def render(results: Mapping[str, Any], summary: Mapping[str, Any], provenance: Mapping[str, Any]) -> str:
     """The report as HTML text; the same input gives the same bytes.
 
-    results : any of "cuts" (sequence of CutForce), "frf" (Frf), "modes" (Modes), "coefficients" (Coefficients),
+    results : any of "cuts" (sequence of CutForce), "frf" (Frf), "sensor" (Frf), "modes" (Modes), "coefficients" (Coefficients),
         "stability" (StabilityMap); a missing or None entry leaves its sections out
     summary : what `summary.json` holds; read are `title`, `warnings` [{code, message, where}],
         `expect` [{key, value, interval, ok}] and `recordings` [{name, path, kind, sample_rate_hz, duration_s,
@@ -48,6 +48,7 @@ def render(results: Mapping[str, Any], summary: Mapping[str, Any], provenance: M
     """
     cuts: Sequence[CutForce] = tuple(results.get("cuts") or ())
     frf: Frf | None = results.get("frf")
+    sensor: Frf | None = results.get("sensor")
     modes: Modes | None = results.get("modes")
     fit: Coefficients | None = results.get("coefficients")
     map_: StabilityMap | None = results.get("stability")
@@ -55,6 +56,7 @@ def render(results: Mapping[str, Any], summary: Mapping[str, Any], provenance: M
         _measured(cuts, fit, summary, provenance),
         _quality(cuts, frf),
         _dynamics(frf, modes),
+        _dynamometer(sensor),
         _force(fit, cuts),
         _coefficients(fit),
         _stability(map_),
@@ -66,7 +68,7 @@ def render(results: Mapping[str, Any], summary: Mapping[str, Any], provenance: M
         key_numbers=_key_numbers(fit, map_, frf),
         expected=tables.expected(summary),
         sections=[section for section in sections if section],
-        warnings=_warnings(summary, (*cuts, frf, modes, fit, map_)),
+        warnings=_warnings(summary, (*cuts, frf, sensor, modes, fit, map_)),
         provenance=_provenance(provenance),
         inputs=sorted((provenance.get("inputs") or {}).items()),
         recipe=provenance.get("recipe") or "",
@@ -140,6 +142,24 @@ def _quality(cuts: Sequence[CutForce], frf: Frf | None) -> dict | None:
 def _dynamics(frf: Frf | None, modes: Modes | None) -> dict | None:
     if frf is None:
         return _section("structure", "Structure", _table(tables.modes(modes)) if modes is not None else None)
+    return _section(
+        "frf", "Frequency response", *_curves(frf), _table(tables.modes(modes)) if modes is not None else None
+    )
+
+
+def _dynamometer(sensor: Frf | None) -> dict | None:
+    """What the fit looked through: force read over force applied, 1 where the dynamometer is stiff."""
+    if sensor is None:
+        return None
+    curves = _curves(sensor)
+    for block in curves:  # ids of their own beside those of the structure
+        for shown in block.get("figures", [block]):
+            shown["figure"] = replace(shown["figure"], name=f"sensor-{shown['figure'].name}")
+    return _section("sensor", "Dynamometer", *curves, _table(tables.hits(sensor)))
+
+
+def _curves(frf: Frf) -> list[dict]:
+    """Driving points with the hammer beside them, then the cross directions."""
     driving = [figures.driving_point(frf, output, given) for output, given in driving_pairs(frf)]
     hammer = figures.hammer_spectrum(frf)
     key = [("line main", "measured"), ("span usable", "usable band")]
@@ -148,13 +168,11 @@ def _dynamics(frf: Frf | None, modes: Modes | None) -> dict | None:
     caption = (
         "Response and hammer in one direction. Where the coherence falls under 0.9 the curve is not to be relied on."
     )
-    return _section(
-        "frf",
-        "Frequency response",
+    blocks = (
         _figures([*driving, hammer] if hammer else driving, "Driving points and hammer", caption, "halves", key),
         _figure(figures.cross_directions(frf)),
-        _table(tables.modes(modes)) if modes is not None else None,
     )
+    return [block for block in blocks if block]
 
 
 def _force(fit: Coefficients | None, cuts: Sequence[CutForce]) -> dict | None:
