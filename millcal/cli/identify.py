@@ -36,7 +36,7 @@ def identify(
     ] = "report",
     harmonics: Annotated[
         int | None,
-        typer.Option("--harmonics", min=1, help="Highest harmonic of the spindle used (nls); default: the teeth."),
+        typer.Option("--harmonics", min=1, help="Highest harmonic used (nls); default: the teeth, or all of --sensor."),
     ] = None,
     taper: Annotated[bool, typer.Option("--taper", help="Let the runout vary along the axis (nls).")] = False,
     mean_weight: Annotated[

@@ -16,7 +16,7 @@ FORMS = {  # form -> (symbol, unit, factor from SI)
     "accelerance": ("A/F", "(m/s²)/N", 1.0),
     "transmissibility": ("F/F", "N/N", 1.0),
 }
-PHASE_MIDDLE = {"receptance": -90.0, "mobility": 0.0, "accelerance": 90.0, "transmissibility": 0.0}  # deg
+PHASE_MIDDLE = {"receptance": -90.0, "mobility": 0.0, "accelerance": 90.0, "transmissibility": -90.0}  # deg
 
 
 def _direction(dof: str) -> str:

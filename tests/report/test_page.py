@@ -175,6 +175,14 @@ def test_one_record_alone_makes_a_page(only, results):
     assert len(page.figures) >= 1
 
 
+def test_the_dynamometer_has_a_section_of_its_own_beside_the_structure(results):
+    sensor = dataclasses.replace(results["frf"], form="transmissibility", notices=())
+    page = Page(render({**results, "sensor": sensor}, {}, {}))
+    assert len(set(page.ids)) == len(page.ids)
+    assert {"frf", "sensor"} <= set(page.ids)
+    assert page.seen.count("N/N") > 0
+
+
 def test_nothing_at_all_still_makes_a_page():
     assert "Calibration report" in Page(render({}, {}, {})).seen
 
