@@ -30,7 +30,7 @@ MAY_IMPORT["cli"] = {"cli", *MAY_IMPORT} - {"", "__main__"}
 
 HOMES = {
     "h5py": "millcal/io/",
-    "matplotlib": "millcal/report/figures.py",
+    "matplotlib": "millcal/report/paper/sheet.py",
     "typer": "millcal/cli/",
     "cvxpy": "millcal/numerics/receding_horizon.py",
     "dask": "millcal/batch.py",

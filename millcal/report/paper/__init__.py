@@ -1,0 +1,37 @@
+"""Figures for print, as files: what a paper wants of a result, drawn from the records alone.
+
+Any record may be missing; then the figures it would give are missing too. `sheet` says how a figure looks and becomes a
+file, the other modules what is drawn.
+"""
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from millcal.report.paper import coefficients, forces, frf, sheet, stability
+
+NAMES = re.compile(r"stability-map|frf(-\d+)?|force-revolution(-\d+)?|mean-force|coefficients")  # of all there can be
+
+
+def figures_of(results: Mapping[str, Any]) -> dict[str, Any]:
+    """Every figure that the records give, by name; to be called and used within `sheet.style()`.
+
+    results : as for the page, any of "cuts", "frf", "coefficients", "stability"
+    """
+    cuts, fit = tuple(results.get("cuts") or ()), results.get("coefficients")
+    figures = {}
+    if results.get("stability") is not None:
+        figures["stability-map"] = stability.stability_map(results["stability"])
+    if results.get("frf") is not None:
+        figures |= frf.driving_points(results["frf"])
+    if fit is not None:
+        figures |= forces.revolutions(fit, cuts)
+        figures["mean-force"] = forces.mean_force(fit, cuts)
+        figures |= coefficients.intervals(fit)
+    return figures
+
+
+def figure_files(results: Mapping[str, Any], format: str = "pdf") -> dict[str, bytes]:
+    """The files of these figures, by file name; the same records give the same bytes.   format : one of `sheet.FORMATS`"""
+    with sheet.style():
+        return {f"{name}.{format}": sheet.file_bytes(figure, format) for name, figure in figures_of(results).items()}
