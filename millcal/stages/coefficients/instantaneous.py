@@ -101,7 +101,7 @@ def instantaneous(
     )
 
 
-def _posterior(found: HarmonicStudy, law: str, sensor: Frf | None) -> tuple[Posterior, list[Notice]]:
+def _posterior(found: HarmonicStudy, law: str, sensor: Frf | None = None) -> tuple[Posterior, list[Notice]]:
     """Jackknife over the cuts where there are three; else the noise within the records, with a warning.
 
     The noise of the sensor's FRF, which no comparison of cuts can show, comes on top.
