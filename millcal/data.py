@@ -53,13 +53,17 @@ class SamplesOnDisk(Protocol):
         ...
 
 
+Level = Literal["warning", "note"]
+
+
 @dataclass(frozen=True)
 class Notice:
-    """Something the user should know, that does not stop the work."""
+    """Something the user should know, that does not stop the work: a warning to look into, or a note of what was done."""
 
     code: str  # short and stable, for scripts: "axis-swap", "rows-against-header"
     message: str  # one sentence: what, and what to do
     where: str = ""  # file, cut or key
+    level: Level = "warning"  # a note goes into the JSON and the report, not to the terminal
 
 
 @dataclass(frozen=True)
@@ -71,7 +75,7 @@ class Channel:
     unit: str  # SI: N, m/s^2, m/s, m, rad, 1, Pa
     dof: str  # point and direction: tipX
     full_scale: float | None = None  # input range in `unit`, for overload
-    role: Literal["hammer", "response"] | None = None  # in an impact test; None: a force is the hammer, all else responds
+    role: Literal["hammer", "response"] | None = None  # in an impact test; None: only a force is the hammer
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

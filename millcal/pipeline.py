@@ -4,13 +4,12 @@
     hits on the dynamometer -> sensor ----------^             |
     impact tests -> frf (or modes by hand) -------------------^
 
-A recipe may leave stages out; what is left out for a reason of the recipe is said in a notice. The folder is made under a
-temporary name beside its place and renamed at the end, so that a run that is killed leaves the old result or none.
+A recipe may leave stages out; what is left out for a reason of the recipe is said in a notice. The folder takes its
+place as a whole at the end (`io.replacing`), so that a run that is killed leaves the old result or none.
 """
 
 import json
 import os
-import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -25,8 +24,9 @@ from millcal.io.provenance import provenance
 from millcal.io.recipe_tables import FrfTable
 from millcal.io.recipes import Impact, Recipe
 from millcal.io.recordings import read_recording
+from millcal.io.replacing import replaced_folder, tidy_remains
 from millcal.io.results import read_result, write_result, write_results, write_text_atomically
-from millcal.io.summaries import summarise, value_at
+from millcal.io.summaries import summarise, summarise_notices, value_at, without_nan
 from millcal.report.page import render
 from millcal.stages.coefficients import fit_coefficients
 from millcal.stages.conditioning import condition_cut
@@ -70,6 +70,7 @@ def run(recipe: Recipe, out: Path, *, progress: Progress | None = None, seed: in
     if not recipe.recordings:
         raise RecipeError(f"{recipe.path}: no recordings to fit; name them under [[cuts]], [impact] or [sensor]")
     out = Path(out)
+    tidy_remains(out.resolve())
     check_folder(out)
     seed = recipe.seed if seed is None else seed
     with _at_its_line(recipe):
@@ -233,10 +234,10 @@ def _summary(
         "sensor": summarise(results["sensor"]) if "sensor" in results else None,
         "cuts": [summarise(cut) for cut in results.get("cuts", ())],
         "recordings": recordings,
-        "warnings": [{"code": n.code, "message": n.message, "where": n.where} for n in notices],
+        **summarise_notices(notices),
         "provenance": origin,
     }
-    summary = _plain(summary)
+    summary = without_nan(summary)
     summary["expect"] = [_expectation(summary, key, wanted) for key, wanted in recipe.expect.items()]
     return summary
 
@@ -253,17 +254,6 @@ def _expectation(summary: Mapping[str, Any], key: str, wanted: tuple[float, floa
         }
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
     return {"key": key, "value": value, "interval": list(wanted), "ok": is_number and wanted[0] <= value <= wanted[1]}
-
-
-def _plain(value: Any) -> Any:
-    """The same tree in the types of JSON, None for what is not finite."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if hasattr(value, "tolist"):
-        return _plain(value.tolist())
-    return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
 def _write(folder: Path, results: Mapping[str, Any], summary: dict[str, Any], origin: dict[str, Any]) -> None:
@@ -291,29 +281,6 @@ def check_folder(out: Path) -> None:
             f"{out}: holds {foreign[0]}, which is no part of a result and would be lost; "
             "move it away or choose another folder"
         )
-
-
-@contextmanager
-def replaced_folder(out: Path) -> Iterator[Path]:
-    """A new folder beside `out`, which takes its place when the block ends well and vanishes when it does not."""
-    out = Path(os.path.realpath(out))  # a link keeps pointing here
-    aside = out.with_name(f".{out.name}.{os.getpid()}.old")
-    folder = out.with_name(f".{out.name}.{os.getpid()}.part")
-    try:
-        folder.mkdir(parents=True)
-        yield folder
-        if out.exists():
-            os.replace(out, aside)
-        os.replace(folder, out)
-    except OSError as problem:
-        raise RecipeError(
-            f"{out}: cannot be written ({(problem.strerror or str(problem)).lower()}); choose another place"
-        ) from None
-    finally:
-        if aside.exists() and not out.exists():
-            os.replace(aside, out)
-        for left in (folder, aside):
-            shutil.rmtree(left, ignore_errors=True)
 
 
 def _refuse_absent(recipe: Recipe, path: Path) -> None:

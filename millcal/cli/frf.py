@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from millcal.cli.speak import Json, Quiet, Seed, progress_bar, reply
+from millcal.cli.speak import Json, Quiet, Seed, pairs, progress_bar, reply
 
 
 def frf(
@@ -76,8 +76,8 @@ def frf(
 
     stated = {
         "setup": read_setup(setup) if setup else None,
-        "map": _pairs(map, "--map") or None,
-        "units": _pairs(unit, "--unit") or None,
+        "map": pairs(map, "--map"),
+        "units": pairs(unit, "--unit"),
         "rate_hz": rate_hz,
     }
     with progress_bar(quiet) as progress:
@@ -121,14 +121,3 @@ def _with_responses(recording: Any, names: Iterable[str]) -> Any:
             )
     channels = (replace(c, role="response") if c.name in names else c for c in recording.channels)
     return replace(recording, channels=tuple(channels))
-
-
-def _pairs(items: list[str] | None, option: str) -> dict[str, str]:
-    """`fx=+Fy` options as a dict."""
-    pairs = {}
-    for item in items or ():
-        name, equals, value = item.partition("=")
-        if not (name and equals and value):
-            raise typer.BadParameter(f"{item!r} is not NAME=VALUE", param_hint=option)
-        pairs[name.strip()] = value.strip()
-    return pairs

@@ -1,11 +1,10 @@
 """What every command says and how: options they share, the JSON envelope, notices and progress."""
 
 import json
-import math
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -18,19 +17,6 @@ Seed = Annotated[int, typer.Option("--seed", help="Seed of everything random.")]
 Progress = Callable[[float, str], None]  # share done in 0..1, what is being done
 
 
-def without_nan(value: Any) -> Any:
-    """The same JSON tree with null where a number cannot be known (NaN, infinity)."""
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, Mapping):
-        return {str(key): without_nan(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [without_nan(item) for item in value]
-    if hasattr(value, "tolist"):  # numpy scalar or array
-        return without_nan(value.tolist())
-    return value
-
-
 def reply(
     command: str,
     text: str,
@@ -41,10 +27,12 @@ def reply(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Print a command's result: the text, or one JSON object; notices go to stderr either way.
+    """Print a command's result: the text, or one JSON object; warnings go to stderr either way, notes only into the JSON.
 
     inputs : path -> sha256   notices : `millcal.data.Notice`
     """
+    from millcal.io.summaries import summarise_notices, without_nan
+
     notices = list(dict.fromkeys(notices))
     if as_json:
         envelope = {
@@ -52,14 +40,14 @@ def reply(
             "millcal": __version__,
             "command": command,
             "inputs": dict(inputs),
-            "warnings": [{"code": n.code, "message": n.message, "where": n.where} for n in notices],
+            **summarise_notices(notices),
             "result": result,
         }
         typer.echo(json.dumps(without_nan(envelope), indent=1, ensure_ascii=False, allow_nan=False))
     else:
         typer.echo(text)
     if not quiet:
-        for line in _grouped(notices):
+        for line in _grouped(notice for notice in notices if notice.level == "warning"):
             typer.echo(f"warning: {line}", err=True)
 
 

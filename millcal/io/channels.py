@@ -106,10 +106,10 @@ def choose_channels(
     clocks = [c.name for i, c in enumerate(columns) if i != time and is_time(c.name, c.unit) and c.name in left_out]
     if not mapping and time is not None and clocks:
         message = f"a further time column is left out, one is enough: {', '.join(clocks)}"
-        notices.append(Notice("columns-left-out", message, where))
+        notices.append(Notice("columns-left-out", message, where, "note"))
     if mapping and left_out:
         message = f"columns that the map does not name are left out: {', '.join(left_out)}"
-        notices.append(Notice("columns-left-out", message, where))
+        notices.append(Notice("columns-left-out", message, where, "note"))
     if not chosen and not problems:
         problems.append("no channel besides the time; export the recording again with its channels")
     return Selection(

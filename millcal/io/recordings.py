@@ -243,7 +243,8 @@ def _time_without_unit(clock: TimeBase, stated: float | None, header: float | No
     if header is None or span <= 0 or abs((clock.n - 1) / span / header - 1) > 0.01:
         name = clock.where.split("column ")[-1].strip("'")
         raise RecordingError(f"{clock.where} has no unit; state it with --unit {name}=s (or ms, us)")
-    return [Notice("time-unit", "the time has no unit; the header's sample rate shows that it is in s", clock.where)]
+    message = "the time has no unit; the header's sample rate shows that it is in s"
+    return [Notice("time-unit", message, clock.where, "note")]
 
 
 def _stated_rate(source: Source, stated: float | None) -> float:

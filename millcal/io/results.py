@@ -9,9 +9,8 @@ folder, flushed and renamed, so that a killed run leaves the old result or the n
 """
 
 import json
-import os
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import MISSING, Field, fields
 from functools import cache
 from pathlib import Path
@@ -24,42 +23,13 @@ from pydantic import TypeAdapter, ValidationError
 
 from millcal.data import Frf, Record
 from millcal.errors import RecordingError
+from millcal.io.replacing import replaced_atomically
 
 FORMAT = "millcal-result"
 VERSION = 1
 _COMPRESS_ABOVE = 1 << 16  # bytes; a small dataset is smaller without chunks
 
 R = TypeVar("R", bound=Record)
-
-
-@contextmanager
-def replaced_atomically(path: Path) -> Iterator[Path]:
-    """A temporary path in the same folder, which becomes `path` when the block ends well and vanishes when it does not."""
-    path = Path(path)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        yield temporary
-        _flush(temporary)
-        os.replace(temporary, path)
-        _flush(path.parent)
-    except OSError as problem:
-        raise RecordingError(
-            f"{path}: cannot be written ({(problem.strerror or str(problem)).lower()}); "
-            "choose another place or make room"
-        ) from None
-    finally:
-        with suppress(OSError):
-            temporary.unlink()
-
-
-def _flush(path: Path) -> None:
-    """Have the disk hold what was written to a file, or which names a folder holds."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def write_text_atomically(path: Path, text: str) -> None:

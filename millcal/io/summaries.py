@@ -3,13 +3,13 @@
 Numbers carry their shop unit in the key; what cannot be known is null (None here).
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from math import isfinite
 from typing import Any
 
 import numpy as np
 
-from millcal.data import AXES, Coefficients, CutForce, Frf, Modes, Posterior, Record, Recording, StabilityMap
+from millcal.data import AXES, Coefficients, CutForce, Frf, Modes, Notice, Posterior, Record, Recording, StabilityMap
 from millcal.io.keys import keys_of
 from millcal.units import SUFFIXES, to_shop
 
@@ -24,6 +24,27 @@ _SHOP = {  # SI unit of a parameter -> its unit on the shop floor: as the key sa
 def summarise(record: Record) -> dict[str, Any]:
     """The JSON `result` of a record: recording, cut, FRF, modes, coefficients or stability map."""
     return _SUMMARIES[type(record)](record)
+
+
+def summarise_notices(notices: Iterable[Notice]) -> dict[str, list[dict[str, str]]]:
+    """Warnings and notes apart, each as its code, message and place."""
+    told: dict[str, list[dict[str, str]]] = {"warnings": [], "notes": []}
+    for notice in notices:
+        told[f"{notice.level}s"].append({"code": notice.code, "message": notice.message, "where": notice.where})
+    return told
+
+
+def without_nan(value: Any) -> Any:
+    """The same JSON tree with null where a number cannot be known (NaN, infinity)."""
+    if isinstance(value, float):
+        return value if isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {str(key): without_nan(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [without_nan(item) for item in value]
+    if hasattr(value, "tolist"):  # numpy scalar or array
+        return without_nan(value.tolist())
+    return value
 
 
 def value_at(summary: Mapping[str, Any], path: str) -> Any:

@@ -73,7 +73,7 @@ def _of_lines(frf: Frf, teeth: int, rigid: str) -> Tip:
     low = max((_lowest_known(lines, "xy".index(axis), f"{point}{axis.upper()}") for axis in places), default=0.0)
     if lines.count and low > lines.frequency[0]:
         what = f"below {low:.0f} Hz the receptance is noise, so chatter there is not looked for"
-        notices.append(Notice("low-frequency-noise", what, f"frf {point}"))
+        notices.append(Notice("low-frequency-noise", what, f"frf {point}", "note"))
         lines = tip_receptance(frf, (low, frf.usable_band[1]))
     if lines.count < FEWEST_LINES:
         low, high = frf.usable_band
@@ -231,4 +231,4 @@ def _missing_axes(present: set[str], rigid: str, where: str) -> list[Notice]:
             raise IllPosedError(
                 f"{where}: nothing along {axis}; add it, or state that it is rigid (--rigid {axis}, stability.rigid)"
             )
-    return [Notice("rigid-axis", f"{axis} is taken as rigid, as stated", where) for axis in missing]
+    return [Notice("rigid-axis", f"{axis} is taken as rigid, as stated", where, "note") for axis in missing]

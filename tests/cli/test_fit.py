@@ -56,6 +56,17 @@ def test_json_is_one_object_with_the_answers_of_summary_json(shell, small_recipe
     assert kept.pop("report") == "report.html"
     assert said["result"] == kept
     assert said["warnings"] == kept["warnings"]
+    assert said["notes"] == kept["notes"]
+
+
+def test_what_a_sound_run_did_is_a_note_and_no_warning(shell, small_recipe, tmp_path):
+    code, out, err = shell("fit", small_recipe(), "--out", tmp_path / "out", "--json")
+    said = json.loads(out)
+    assert code == 0
+    assert "offset-removed" in {note["code"] for note in said["notes"]}
+    warned = {warning["code"] for warning in said["warnings"]}
+    assert warned == {line.split("[")[-1].rstrip("]") for line in err.splitlines()}
+    assert not warned & {note["code"] for note in said["notes"]}
 
 
 def test_a_missed_expectation_is_exit_code_1_and_one_line_that_names_it(shell, small_recipe, tmp_path, recipe_text):

@@ -158,9 +158,9 @@ def test_a_missing_axis_is_refused_until_it_is_called_rigid(run, tmp_path):
     code, _, err = run(*arguments)
     assert code == 3
     assert "--rigid y" in err
-    code, _, err = run(*arguments, "--rigid", "y")
+    code, out, _ = run(*arguments, "--rigid", "y", "--json")
     assert code == 0
-    assert "rigid-axis" in err
+    assert "rigid-axis" in {note["code"] for note in json.loads(out)["notes"]}
 
 
 def test_the_command_knows_the_methods_of_the_stage():

@@ -215,6 +215,7 @@ def test_offset_and_drift_are_taken_from_the_air_before_and_after(noise):
     assert result.harmonics[:, 0].real == pytest.approx([-60.0, 120.0, 70.0], abs=1e-3 + 0.1 * noise)
     (said,) = [notice for notice in result.notices if notice.code == "offset-removed"]
     assert "N/s" in said.message
+    assert said.level == "note"
 
 
 def test_air_on_one_side_gives_the_level_only():
@@ -223,7 +224,9 @@ def test_air_on_one_side_gives_the_level_only():
     assert result.removed_offset == pytest.approx(5.0)
     assert np.all(result.removed_drift == 0)
     assert len(result.air) == 1
-    assert "drift stays in" in next(n.message for n in result.notices if n.code == "offset-removed")
+    (said,) = [notice for notice in result.notices if notice.code == "offset-removed"]
+    assert "drift stays in" in said.message
+    assert said.level == "warning"
 
 
 def test_without_air_the_offset_stays_and_the_user_is_told_who_absorbs_it():

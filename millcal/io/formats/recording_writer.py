@@ -8,7 +8,7 @@ import numpy as np
 from millcal.data import Recording
 from millcal.io.formats.hdf5 import FORMAT, VERSION
 from millcal.io.keys import keys_of
-from millcal.io.results import replaced_atomically
+from millcal.io.replacing import replaced_atomically
 
 CHUNK = 65536  # samples
 _BLOCK = 8 * CHUNK  # samples at a time; whole chunks, so that none is compressed twice

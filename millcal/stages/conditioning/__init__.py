@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from millcal.data import CutForce, Notice, Recording
+from millcal.data import CutForce, Level, Notice, Recording
 from millcal.errors import RecordingError
 from millcal.numerics import spectra
 from millcal.numerics.low_pass import low_pass_kernel, smoothed
@@ -50,8 +50,8 @@ def condition_cut(
     rate, length = recording.sample_rate, recording.samples.shape[1]
     notices: list[Notice] = []
 
-    def note(code: str, message: str) -> None:
-        notices.append(Notice(code, message, where))
+    def note(code: str, message: str, level: Level = "warning") -> None:
+        notices.append(Notice(code, message, where, level))
 
     tell(0.0, "steady cut and air")
     stated = stated_frequency(recording, where)
@@ -70,7 +70,8 @@ def condition_cut(
                 "choose a lower one, or none"
             )
         read = smoothed(read, *all_numbers_around(survey, (start, stop)), low_pass_kernel(lowpass / rate))
-        note("low-pass", f"low-pass at {lowpass:g} Hz: harmonics from {int(lowpass / stated)} on come out smaller")
+        said = f"low-pass at {lowpass:g} Hz: harmonics from {int(lowpass / stated)} on come out smaller"
+        note("low-pass", said, "note")
     read = spectra.buffered(read, stop, block_size(stop - start))
 
     tell(0.3, "spindle speed")
@@ -82,9 +83,8 @@ def condition_cut(
     limit = max(1, int(spindle.NYQUIST_SHARE / cycle))
     saved, analysed = min(harmonics, limit), min(max(harmonics, ANALYSED_HARMONICS), limit)
     if saved < harmonics:
-        note(
-            "nyquist", f"{saved} of {harmonics} harmonics: the others lie above 0.45 of the sample rate of {rate:g} Hz"
-        )
+        said = f"{saved} of {harmonics} harmonics: the others lie above 0.45 of the sample rate of {rate:g} Hz"
+        note("nyquist", said, "note")
     fitted = spectra.fit_harmonics(read, start, end, cycle, analysed)
     turns = spindle.each_revolution(read, start, end, cycle, fitted)
 

@@ -9,7 +9,7 @@ from millcal.data import AXES, Recording
 from millcal.errors import RecordingError
 from millcal.numerics.spectra import Reader
 
-Note = Callable[[str, str], None]  # code and sentence of a notice
+Note = Callable[..., None]  # takes code, sentence and level of a notice
 Span = tuple[float, float]  # s
 Samples = tuple[int, int]  # start, stop
 
@@ -72,7 +72,7 @@ def offset_line(
     """
     nothing = np.zeros(3), np.zeros(3)
     if offset == "none":
-        note("offset-kept", "offset and drift are left in, as asked; the edge coefficients absorb them")
+        note("offset-kept", "offset and drift are left in, as asked; the edge coefficients absorb them", "note")
         return nothing
     if not spans:
         if offset == "air":
@@ -107,5 +107,6 @@ def offset_line(
         + (f" and a drift of {drifts} N/s" if len(spans) > 1 else "")
         + f", from {seconds:.2g} s of air cut"
         + ("" if len(spans) > 1 else "; it lies on one side of the cut only, so drift stays in"),
+        "note" if len(spans) > 1 else "warning",
     )
     return level - slope * centre, slope
