@@ -82,8 +82,8 @@ def test_every_option_has_a_help(name):
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_every_command_speaks_json_and_can_be_quiet(name):
-    assert {"--json", "--quiet"} <= options_of(name)
+def test_every_command_speaks_json_can_be_quiet_and_takes_a_seed(name):
+    assert {"--json", "--quiet", "--seed"} <= options_of(name)
 
 
 def test_every_example_uses_only_commands_and_options_that_exist():
@@ -95,6 +95,28 @@ def test_every_example_uses_only_commands_and_options_that_exist():
         assert words[1] in COMMANDS, shlex.join(words)
         used = {word.split("=")[0] for word in words[2:] if re.match(r"--?[a-zA-Z]", word)}
         assert used <= options_of(words[1]), shlex.join(words)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_help_shows_the_example_in_one_line_to_copy(name, capsys):
+    assert run_main([name, "--help"]) == 0
+    shown = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    for example in re.findall(r"^Example: .*$", docstring_of(name), re.MULTILINE):
+        assert example in shown
+
+
+def test_no_command_is_one_line_and_exit_code_2(capsys):
+    assert run_main([]) == 2
+    assert re.fullmatch(r"error: millcal: .*; see 'millcal --help'\n", capsys.readouterr().err)
+
+
+def test_an_interrupt_is_one_line_and_exit_code_130(monkeypatch, capsys):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(import_module("millcal.cli.schema"), "reply", interrupted)
+    assert run_main(["schema"]) == 130
+    assert re.fullmatch(r"error: millcal: interrupted; .*\n", capsys.readouterr().err)
 
 
 def test_an_unknown_command_is_one_line_and_exit_code_2(capsys):

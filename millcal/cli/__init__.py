@@ -29,6 +29,9 @@ COMMANDS = {
 }
 
 
+INTERRUPTED = 130
+
+
 class _LazyGroup(TyperGroup):
     """A group whose commands are imported when they are called, not when they are listed."""
 
@@ -42,7 +45,9 @@ class _LazyGroup(TyperGroup):
             function = getattr(importlib.import_module(f"millcal.cli.{cmd_name}"), cmd_name)
             single = typer.Typer(add_completion=False, rich_markup_mode=None)
             single.command(name=cmd_name)(function)
-            self.commands[cmd_name] = typer.main.get_command(single)
+            command: Any = typer.main.get_command(single)
+            command.help = command.help.replace("Example:", "\b\nExample:")  # in one line, so that it can be copied
+            self.commands[cmd_name] = command
         return self.commands[cmd_name]
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
@@ -69,7 +74,7 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback(no_args_is_help=True)
+@app.callback()
 def millcal(
     version: Annotated[
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
@@ -87,11 +92,8 @@ def main(arguments: list[str] | None = None) -> None:
         code = app(arguments, prog_name="millcal", standalone_mode=False)
     except UsageError as problem:
         path = problem.ctx.command_path if problem.ctx else "millcal"
-        if type(problem).__name__ == "NoArgsIsHelpError":
-            typer.echo(problem.format_message(), err=True)
-        else:
-            message = " ".join(problem.format_message().split()).rstrip(".")
-            typer.echo(f"error: {path}: {message}; see '{path} --help'", err=True)
+        message = " ".join(problem.format_message().split()).rstrip(".")
+        typer.echo(f"error: {path}: {message}; see '{path} --help'", err=True)
         sys.exit(2)
     except ClickException as problem:
         typer.echo(f"error: {problem.format_message()}", err=True)
@@ -99,10 +101,11 @@ def main(arguments: list[str] | None = None) -> None:
     except MillcalError as problem:
         typer.echo("error: " + " ".join(str(problem).split()), err=True)
         sys.exit(3)
-    except (KeyboardInterrupt, typer.Abort):
-        typer.echo("error: millcal: interrupted; nothing was left half written", err=True)
-        sys.exit(130)
     except BrokenPipeError:
         sys.stderr.close()
         sys.exit(0)
+    except (KeyboardInterrupt, typer.Abort):
+        code = INTERRUPTED
+    if code == INTERRUPTED:  # typer makes the code of a KeyboardInterrupt, and says nothing
+        typer.echo("error: millcal: interrupted; nothing was left half written", err=True)
     sys.exit(code if isinstance(code, int) else 0)

@@ -9,7 +9,9 @@ from millcal.cli.speak import Json, Quiet, progress_bar, reply
 
 
 def fit(
-    recipe: Annotated[Path, typer.Argument(help="Recipe (TOML): recordings, cutter, stages and expectations.")],
+    recipe: Annotated[
+        Path, typer.Argument(metavar="RECIPE", help="Recipe (TOML): recordings, cutter, stages and expectations.")
+    ],
     out: Annotated[Path, typer.Option("--out", help="Result folder; an old result there is replaced as a whole.")],
     gate: Annotated[bool, typer.Option("--gate", help="End with 1 unless the verdict is 'fits'.")] = False,
     depfile: Annotated[
@@ -59,7 +61,11 @@ def _text(title: str, found: Any, report: Path) -> str:
 
     parts = [
         title,
-        *(brief_of(found.results[name]) for name in ("frf", "sensor", "coefficients", "stability") if name in found.results),
+        *(
+            brief_of(found.results[name])
+            for name in ("frf", "sensor", "coefficients", "stability")
+            if name in found.results
+        ),
     ]
     if found.summary["expect"]:
         lines = [

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from millcal.cli.speak import Json, Quiet, progress_bar, reply
+from millcal.cli.speak import Json, NoSeed, Quiet, progress_bar, reply
 
 METHODS = ("nls", "average")  # those of the stage, which --help must not import; a test keeps them equal
 LAWS = ("linear-edge", "kienzle")
@@ -57,6 +57,7 @@ def identify(
     ] = None,
     as_json: Json = False,
     quiet: Quiet = False,
+    seed: NoSeed = 0,
 ) -> None:
     """Cutting coefficients from dynamometer cuts, with intervals, checks and a verdict.
 

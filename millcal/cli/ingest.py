@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from millcal.cli.speak import Json, Quiet, pairs, progress_bar, reply
+from millcal.cli.speak import Json, NoSeed, Quiet, pairs, progress_bar, reply
 
 
 def ingest(
@@ -46,6 +46,7 @@ def ingest(
     ] = None,
     as_json: Json = False,
     quiet: Quiet = False,
+    seed: NoSeed = 0,
 ) -> None:
     """Bring any file into the recording format, with units, axes and signs stated.
 

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from millcal.cli.speak import Json, Quiet, progress_bar, reply
+from millcal.cli.speak import Json, NoSeed, Quiet, progress_bar, reply
 
 
 def inspect(
@@ -15,6 +15,7 @@ def inspect(
     ] = None,
     as_json: Json = False,
     quiet: Quiet = False,
+    seed: NoSeed = 0,
 ) -> None:
     """Say what is in a file of any known format, and what must be stated before it can be read.
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from millcal.cli.speak import Json, Quiet, reply
+from millcal.cli.speak import Json, NoSeed, Quiet, reply
 
 
 class FigureFormat(StrEnum):
@@ -24,6 +24,7 @@ def report(
     format: Annotated[FigureFormat, typer.Option(help="Format of these figures.")] = FigureFormat.pdf,
     as_json: Json = False,
     quiet: Quiet = False,
+    seed: NoSeed = 0,
 ) -> None:
     """Make report.html of a result folder again from its records, without computing anything.
 

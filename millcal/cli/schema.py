@@ -4,13 +4,14 @@ from typing import Annotated
 
 import typer
 
-from millcal.cli.speak import Json, Quiet, reply
+from millcal.cli.speak import Json, NoSeed, Quiet, reply
 
 
 def schema(
     setup: Annotated[bool, typer.Option("--setup", help="The schema of SETUP.toml instead.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
+    seed: NoSeed = 0,
 ) -> None:
     """Print the JSON schema of recipes, for editors that complete and check TOML.
 

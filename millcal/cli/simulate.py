@@ -9,7 +9,7 @@ from millcal.cli.speak import Json, Quiet, progress_bar, reply
 
 
 def simulate(
-    recipe: Annotated[Path, typer.Argument(help="Recipe with a [simulate] table.")],
+    recipe: Annotated[Path, typer.Argument(metavar="RECIPE", help="Recipe with a [simulate] table.")],
     out: Annotated[Path, typer.Option("--out", help="Folder for the recordings and truth.json.")],
     seed: Annotated[
         int | None, typer.Option("--seed", help="Seed of everything random; default: the recipe's.")

@@ -13,6 +13,7 @@ from millcal import __version__
 Json = Annotated[bool, typer.Option("--json", help="Print exactly one JSON object on stdout.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no warnings on stderr.")]
 Seed = Annotated[int, typer.Option("--seed", help="Seed of everything random.")]
+NoSeed = Annotated[int, typer.Option("--seed", help="Taken by every command; nothing is random in this one.")]
 
 Progress = Callable[[float, str], None]  # share done in 0..1, what is being done
 
