@@ -38,7 +38,7 @@ def separable_least_squares(
     pull_to: np.ndarray | None = None,
     pull: np.ndarray | None = None,
     held: np.ndarray | None = None,
-    tolerance: float = 1e-10,
+    tolerance: float = 1e-8,
     max_steps: int = 100,
 ) -> Separable:
     """Minimise |data - matrix(p) q|^2 over p within bounds and q free.
@@ -46,6 +46,7 @@ def separable_least_squares(
     matrix : p -> (rows, q)   derivative : (p, q) -> d(matrix(p) q)/dp, (rows, p)   data : (rows,)
     start, lower, upper, scale : (p,), the last the size of a natural step
     pull_to, pull : (p,), adds |pull (p - pull_to)|^2 to the cost, for unknowns that the data may not reach
+    tolerance : relative change of the cost at which the search ends; exact data are fitted on to the last digits
     held : (q,), the linear unknowns are held at these instead of projected out
     """
     from scipy.optimize import least_squares
@@ -86,7 +87,7 @@ def separable_least_squares(
         method="trf",
         x_scale=1.0,
         ftol=tolerance,
-        xtol=tolerance,
+        xtol=1e-10,
         gtol=1e-14,
         max_nfev=max_steps,
     )

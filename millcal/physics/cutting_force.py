@@ -8,13 +8,15 @@ b_k = e_j - e_{j-k} how much farther this tooth reaches out, its chip is (Montgo
 In u = sin(phi) this is the lower envelope of N rising lines: the contact begins at one u0, breaks at few u, and between
 two breaks it is A sin(phi) + B. So contact loss by runout needs no grid, no slices of time and no smoothing: the force
 harmonics are Gauss integrals over a few smooth pieces, and they vary smoothly with the runout, which a fit needs.
-The helix is a lag: a slice at height z repeats the edge's force later by kappa(z) = z tan(helix) / R.
+The helix is a lag: a slice at height z repeats the edge's force later by kappa(z) = z tan(helix) / R. Where the offset winds
+with the helix, the pieces change along the axis, and the integral over the depth is split where they do.
 """
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -71,6 +73,16 @@ def radial_offset(cutter: Cutter, height: np.ndarray) -> np.ndarray:
     return cutter.runout * np.cos(cutter.runout_angle + lag)
 
 
+@lru_cache(maxsize=64)
+def _teeth_ahead(cutter: Cutter) -> tuple[np.ndarray, np.ndarray]:
+    """For tooth j and k places: the tooth ahead, (tooth, k), and the share of a revolution since it passed, (tooth, k)."""
+    n = cutter.teeth
+    lag = cutter.tooth_lag()
+    j, k = np.meshgrid(np.arange(n), np.arange(1, n + 1), indexing="ij")
+    ahead = (j - k) % n
+    return ahead, np.where(k == n, 1.0, (lag[j] - lag[ahead]) / (2 * np.pi) % 1.0)
+
+
 def chip_lines(cutter: Cutter, feed_per_tooth: float, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Slopes and heights of the lines a_k sin(phi) + b_k of which the chip is the lower envelope.
 
@@ -78,12 +90,8 @@ def chip_lines(cutter: Cutter, feed_per_tooth: float, offset: np.ndarray) -> tup
     meets its own last pass, with b = 0.
     offset : (tooth, ...) m   returns a (tooth, k), b (tooth, k, ...), m
     """
-    n = cutter.teeth
-    lag = cutter.tooth_lag()
-    j, k = np.meshgrid(np.arange(n), np.arange(1, n + 1), indexing="ij")
-    ahead = (j - k) % n
-    turn = np.where(k == n, 2 * np.pi, (lag[j] - lag[ahead]) % (2 * np.pi))
-    return feed_per_tooth * n * turn / (2 * np.pi), offset[j] - offset[ahead]
+    ahead, turn = _teeth_ahead(cutter)
+    return feed_per_tooth * cutter.teeth * turn, offset[:, np.newaxis] - offset[ahead]
 
 
 def chip_thickness(cutter: Cutter, conditions: CuttingConditions, angle: np.ndarray, height: np.ndarray) -> np.ndarray:
@@ -206,6 +214,41 @@ def edge_harmonics(
     return total.reshape(3, -1, harmonics + 1)
 
 
+def _panels(
+    cutter: Cutter,
+    conditions: CuttingConditions,
+    offset: Callable[[np.ndarray], np.ndarray],
+    span: tuple[float, float],
+    looks: int = 5,
+) -> np.ndarray:
+    """Heights between which every tooth keeps the same pieces of contact, so that the force per depth is smooth.
+
+    Found by looking at `looks` heights and halving where two neighbours differ.   returns (end,) m
+    """
+
+    def pieces(height: np.ndarray) -> list[list[list[tuple[float, bool, bool]]]]:
+        slopes, heights = chip_lines(cutter, conditions.feed_per_tooth, offset(height))
+        rising = slopes.tolist()
+        found = []
+        for level in np.moveaxis(heights, 2, 0).tolist():
+            teeth = [contact_pieces(a, b, *span) for a, b in zip(rising, level, strict=True)]
+            found.append([[(slope, lo <= span[0], hi >= span[1]) for lo, hi, slope, _ in tooth] for tooth in teeth])
+        return found
+
+    grid = np.linspace(0.0, conditions.axial_depth, looks)
+    at = pieces(grid)
+    ends = [0.0]
+    for i in range(looks - 1):
+        low, high, below = grid[i], grid[i + 1], at[i]
+        if below == at[i + 1]:
+            continue
+        for _ in range(10):  # what is missed by a thousandth is smaller by its square
+            middle = (low + high) / 2
+            low, high = (middle, high) if pieces(np.array([middle]))[0] == below else (low, middle)
+        ends.append(float(high))
+    return np.array([*ends, conditions.axial_depth])
+
+
 def force_basis(
     functions: ChipFunctions,
     cutter: Cutter,
@@ -217,20 +260,28 @@ def force_basis(
     """Harmonics of the force on the tool per unit of each coefficient, at spindle angle theta = 0 for tooth 0 at the bottom.
 
     The axes couple as in `to_machine_axes`: entry [axis, direction, function, k] is the harmonic k of F_axis when direction
-    t, r or a has the edge force g_function(h) per unit of width. Slices are Gauss nodes along the axis; where all slices are
-    alike, one stands for all, times the exact helix factor.
+    t, r or a has the edge force g_function(h) per unit of width. Slices are Gauss nodes along the axis, on panels that end
+    where a tooth's pieces of contact change; where all slices are alike, one stands for all, times the exact helix factor.
     functions : chip (node,) m -> (function, node), e.g. 1 and h for the linear-edge law
     offset : height (slice,) m -> radial offset (tooth, slice) m; None: the cutter's own runout
     returns complex (3, 3, function, harmonics + 1), SI
     """
     span = engagement(conditions, cutter.diameter)
-    depth = conditions.axial_depth
-    full_lag = float(cutter.helix_lag(np.array(depth)))
-    s, w = _legendre(5 + math.ceil(full_lag * (harmonics + 1) / 2))
-    height, width = depth * s, depth * w
-    offsets = radial_offset(cutter, height) if offset is None else offset(height)
+    offset = partial(radial_offset, cutter) if offset is None else offset
+    ends = np.array([0.0, conditions.axial_depth])
+    alike = float(np.ptp(offset(np.linspace(0.0, conditions.axial_depth, 5)), axis=1).max()) <= 1e-15
+    if not alike:
+        ends = _panels(cutter, conditions, offset, span)
+    rules = [
+        _legendre(5 + math.ceil(float(cutter.helix_lag(high - low)) * (harmonics + 1) / 2))
+        for low, high in itertools.pairwise(ends)
+    ]
+    panels = list(zip(itertools.pairwise(ends), rules, strict=True))
+    height = np.concatenate([low + (high - low) * s for (low, high), (s, _) in panels])
+    width = np.concatenate([(high - low) * w for (low, high), (_, w) in panels])
     wind = np.exp(-1j * np.outer(cutter.helix_lag(height), np.arange(harmonics + 1))) * width[:, np.newaxis]
-    if np.ptp(offsets, axis=1).max() <= 1e-15:
+    offsets = offset(height)
+    if alike:
         offsets, wind = offsets[:, :1], wind.sum(axis=0, keepdims=True)
     plain, with_sin, with_cos = edge_harmonics(functions, cutter, conditions.feed_per_tooth, offsets, wind, span)
     basis = np.zeros((3, 3, *plain.shape), complex)

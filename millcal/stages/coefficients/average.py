@@ -22,7 +22,6 @@ from millcal.physics.cutting_force import force_basis, linear_edge_functions
 
 NAMES = ("Ktc", "Krc", "Kac", "Kte", "Kre", "Kae")
 UNITS = ("N/m^2", "N/m^2", "N/m^2", "N/m", "N/m", "N/m")
-LARGEST_RUNOUT = 60e-6  # m, end of the search for contact loss
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,64 +95,81 @@ def solve_means(cuts: Sequence[CutForce], forces: np.ndarray, runout: float) -> 
 def search_contact_loss(cuts: Sequence[CutForce], forces: np.ndarray) -> tuple[MeanForceFit, ContactLoss]:
     """The runout c0 whose contact loss explains most of what the straight line leaves.
 
-    The fit with that runout, and whether it is worth its unknown (F > 5). Only the amount of contact loss is determined by
-    the means; its shape is not (a taper does as well), so c0 here is an effective number. The sum of squares is far from a
-    parabola in c0, so the intervals are profiles: a value of a coefficient belongs to the interval if some c0 with it comes
-    within t^2 / dof of the smallest sum of squares [Bates & Watts 1988, sec. 6.1].
+    The fit with that runout, and whether it is worth its unknown (F at one in a hundred). Only the amount of contact loss is
+    determined by the means; its shape is not (a taper does as well), so c0 here is an effective number. The sum of squares
+    is far from a parabola in c0, so the intervals are profiles: a value of a coefficient belongs to the interval if some c0
+    with it comes within t^2 / dof of the smallest sum of squares [Bates & Watts 1988, sec. 6.1].
     """
-    from scipy.optimize import minimize_scalar
-
-    grid = np.linspace(0.0, LARGEST_RUNOUT, 121)
-    fits = [solve_means(cuts, forces, c0) for c0 in grid]
-    level = np.array([fit.squared_sum for fit in fits])
-    i = int(np.argmin(level))
-    found = minimize_scalar(
-        lambda c0: solve_means(cuts, forces, c0).squared_sum,
-        bounds=(grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)]),
-        method="bounded",
-        options={"xatol": 1e-9},
-    )
-    fit = solve_means(cuts, forces, float(found.x)) if found.fun < level[0] else fits[0]
+    largest = largest_runout(cuts)
     free = 3 * len(cuts) - 7
     force_squares = float(np.sum(forces**2))
-    smallest = max(fit.squared_sum, 1e-12 * force_squares)
-    allowed = smallest * (1 + student_quantile(free) ** 2 / free) if free > 0 else np.inf
-    low, high = np.full(7, np.inf), np.full(7, -np.inf)
-    for trial in [*fits, fit]:
+    fits = [solve_means(cuts, forces, c0) for c0 in np.linspace(0.0, largest, 61)]
+    plain, step = fits[0], largest / 60
+    for _ in range(6):  # closer about the minimum, until the profile is seen from end to end
+        best = min(fits, key=lambda fit: fit.squared_sum)
+        smallest = max(best.squared_sum, 1e-14 * force_squares)
+        allowed = smallest * (1 + student_quantile(free) ** 2 / free) if free > 0 else np.inf
+        inside = [fit.runout for fit in fits if fit.squared_sum <= allowed]
+        if len(inside) > 12 or step < 1e-11:
+            break
+        low, high = max(min(inside) - step, 0.0), min(max(inside) + step, largest)
+        fits += [solve_means(cuts, forces, c0) for c0 in np.linspace(low, high, 31)[1:-1]]
+        step = (high - low) / 30
+    best = min(fits, key=lambda fit: fit.squared_sum)
+    lowest, highest = np.full(7, np.inf), np.full(7, -np.inf)
+    for trial in fits:
         if trial.squared_sum > allowed:
             continue
         matrix = mean_force_matrix(cuts, trial.runout).reshape(-1, 6)
         scale = np.linalg.norm(matrix, axis=0)
         unit = np.diag(np.linalg.pinv((matrix / scale).T @ (matrix / scale))) / scale**2
-        half = np.append(np.sqrt(unit * (allowed - trial.squared_sum)), 0.0)
+        half = np.append(np.sqrt(unit * (allowed - trial.squared_sum)), step)
         value = np.append(trial.coefficients, trial.runout)
-        low, high = np.minimum(low, value - half), np.maximum(high, value + half)
-    spread = (high - low) / 2 / student_quantile(free)
+        lowest, highest = np.minimum(lowest, value - half), np.maximum(highest, value + half)
+    spread = (highest - lowest) / 2 / student_quantile(free) if free > 0 else np.full(7, np.nan)
     correlation = np.eye(7)
-    if np.all(np.isfinite(fit.covariance)):
-        sd = np.sqrt(np.diag(fit.covariance))
-        correlation[:6, :6] = fit.covariance / np.outer(sd, sd)
-    fit = replace(
-        fit, covariance=correlation * np.outer(spread, spread), dof=float(free), interval=np.stack([low, high], axis=1)
-    )
-    f_value = (level[0] - fit.squared_sum) / (smallest / free) if free > 0 else 0.0
-    ratio = fit.squared_sum / level[0] if level[0] > 0 else 1.0
-    explains = fit.runout > 0 and f_value > 5.0 and level[0] > 1e-10 * force_squares
-    return fit, ContactLoss(fit.runout, ratio, f_value, explains)
+    if np.all(np.isfinite(best.covariance)):
+        sd = np.sqrt(np.diag(best.covariance))
+        correlation[:6, :6] = best.covariance / np.maximum(np.outer(sd, sd), 1e-300)
+    f_value = (plain.squared_sum - best.squared_sum) / (smallest / free) if free > 0 else 0.0
+    ratio = best.squared_sum / plain.squared_sum if plain.squared_sum > 0 else 1.0
+    explains = free > 0 and best.runout > 0 and f_value > f_quantile(free) and plain.squared_sum > 1e-10 * force_squares
+    interval = np.stack([lowest, highest], axis=1)
+    best = replace(best, covariance=correlation * np.outer(spread, spread), dof=float(free), interval=interval)
+    return best, ContactLoss(best.runout, ratio, f_value, explains)
+
+
+def largest_runout(cuts: Sequence[CutForce]) -> float:
+    """c0 at which a tooth stands out by the smallest feed: beyond it that cut is one of fewer teeth, and says nothing more."""
+    step = np.abs(np.diff(np.cos(cuts[0].cutter.tooth_lag()), append=1.0)).max()
+    return min(cut.conditions.feed_per_tooth for cut in cuts) / float(step)
+
+
+def f_quantile(dof: int) -> float:
+    """F(1, dof) that chance exceeds once in a hundred."""
+    from scipy.special import fdtri
+
+    return float(fdtri(1, dof, 0.99))
 
 
 def check_feeds(cuts: Sequence[CutForce]) -> None:
-    """Two feeds at least, or edge and cutting coefficients cannot be told apart.
+    """The mean forces must tell six coefficients apart: two feeds at least, or two immersions.
 
     Raises
     ------
     IllPosedError
     """
-    feeds = np.array([cut.conditions.feed_per_tooth for cut in cuts])
-    if len(cuts) < 2 or np.ptp(feeds) < 0.02 * feeds.max():
+    matrix = mean_force_matrix(cuts, 0.0).reshape(-1, 6)
+    scale = np.linalg.norm(matrix, axis=0)
+    values = np.linalg.svd(matrix / np.where(scale > 0, scale, 1.0), compute_uv=False)
+    if len(cuts) < 2 or values[-1] < 5e-3 * values[0]:
+        feeds = sorted({round(cut.conditions.feed_per_tooth * 1e3, 4) for cut in cuts})
+        told = (
+            f"one feed per tooth ({feeds[0]:g} mm)" if len(feeds) == 1 else f"feeds of {feeds[0]:g} to {feeds[-1]:g} mm"
+        )
         raise IllPosedError(
-            f"cuts: {len(cuts)} at one feed per tooth ({feeds.max() * 1e3:.4g} mm) cannot tell K_c from K_e by their mean forces; "
-            "add cuts at other feeds, or use --method nls"
+            f"cuts: {len(cuts)} at {told} cannot tell K_c from K_e by their mean forces; "
+            "add cuts at other feeds, or use method nls"
         )
 
 
@@ -202,34 +218,36 @@ def axis_map_notices(cuts: Sequence[CutForce], forces: np.ndarray) -> tuple[Noti
     Ktc, Krc, Kte and Kre are positive and Ktc > Krc for every metal cut with a sound edge. In a slot a swap exchanges Ktc
     and Krc and leaves the residual as it is, so only this tells; at partial immersion the residual falls as well.
     """
-    matrix = mean_force_matrix(cuts, 0.0)
-
-    def look(turned: np.ndarray) -> tuple[bool, np.ndarray, float]:
-        theta = solve_linear(matrix.reshape(-1, 6), turned.ravel())
-        sound = bool(theta[0] > 0 and theta[1] > 0 and theta[3] > 0 and theta[4] > 0 and theta[0] > theta[1])
-        return sound, theta, float(np.sum((turned - matrix @ theta) ** 2))
-
-    sound, theta, squares = look(forces)
-    if sound:
+    fit = solve_means(cuts, forces, 0.0)
+    theta, squares = fit.coefficients, fit.squared_sum
+    chance = np.where(
+        np.isfinite(fit.interval[:, 1]), fit.interval[:, 1] - theta, 0.0
+    )  # what may be negative by chance
+    if np.all((theta > -chance)[[0, 1, 3, 4]]) and theta[0] > 0 and theta[1] - theta[0] < chance[1]:
         return ()
     wrong = []
     if theta[0] <= 0:
         wrong.append(f"Ktc is negative ({theta[0] / 1e6:.4g} N/mm2)")
     if theta[1] > theta[0] > 0:
         wrong.append(f"Krc ({theta[1] / 1e6:.4g}) is larger than Ktc ({theta[0] / 1e6:.4g} N/mm2)")
-    if theta[1] <= 0:
+    if theta[1] <= -chance[1]:
         wrong.append(f"Krc is negative ({theta[1] / 1e6:.4g} N/mm2)")
     wrong += [
         f"{name} is negative ({value / 1e3:.4g} N/mm)"
-        for name, value in zip(NAMES[3:5], theta[3:5], strict=True)
-        if value <= 0
+        for name, value, limit in zip(NAMES[3:5], theta[3:5], chance[3:5], strict=True)
+        if value <= -limit
     ]
     candidates = []
     for name, turn in _OTHER_MAPS.items():
         turned = forces.copy()
         turned[:, :2] = forces[:, :2] @ np.array(turn).T
-        fine, other, other_squares = look(turned)
-        if fine and other_squares <= 2.0 * squares + 1e-9 * float(np.sum(forces**2)):
+        trial = solve_means(cuts, turned, 0.0)
+        other, other_squares = trial.coefficients, trial.squared_sum
+        if (
+            np.all(other[[0, 1, 3, 4]] > 0)
+            and other[0] > other[1]
+            and other_squares <= 2.0 * squares + 1e-9 * float(np.sum(forces**2))
+        ):
             candidates.append(
                 (other_squares, name.format(x="(present fx)", y="(present fy)"), other, "{y}" in name.split(",")[0])
             )
@@ -254,10 +272,11 @@ def axis_map_notices(cuts: Sequence[CutForce], forces: np.ndarray) -> tuple[Noti
 
 
 def curvature_notice(forces: np.ndarray, residual: np.ndarray, cuts: Sequence[CutForce]) -> tuple[Notice, ...]:
-    """Name the axes whose mean force bends over the feed by more than its noise (|t| > 4 of the quadratic term)."""
+    """Name the axes whose mean force bends over the feed by more than chance would (quadratic term, one in a hundred)."""
     feeds = np.array([cut.conditions.feed_per_tooth for cut in cuts])
     if (
         len(cuts) < 4
+        or len(np.unique(np.round(feeds, 9))) < 3
         or len({(c.conditions.axial_depth, c.conditions.radial_depth, c.conditions.direction) for c in cuts}) > 1
     ):
         return ()
@@ -270,7 +289,8 @@ def curvature_notice(forces: np.ndarray, residual: np.ndarray, cuts: Sequence[Cu
         f"F{axis} {'concave' if curve[2, i] * np.sign(forces[:, i].mean()) < 0 else 'convex'} "
         f"({np.abs(residual[:, i]).max():.2g} N)"
         for i, axis in enumerate(AXES)
-        if abs(curve[2, i]) > 4 * level[i] and np.abs(residual[:, i]).max() > 0.005 * np.abs(forces[:, i]).max()
+        if abs(curve[2, i]) > student_quantile(len(u) - 3, 0.99) * level[i]
+        and np.abs(residual[:, i]).max() > 0.005 * np.abs(forces[:, i]).max()
     ]
     if not found:
         return ()

@@ -28,6 +28,7 @@ from millcal.stages.coefficients.harmonic_model import (
 
 GUESS = np.array([800e6, 300e6, 150e6, 20e3, 20e3, 5e3])  # aluminium; only a start where the mean forces give none
 STARTS_REFINED = 3
+NO_FORCE = 0.03  # of the loudest axis, below which an axis has nothing to predict
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,15 +61,22 @@ def kienzle_start(linear: np.ndarray, cuts: Sequence[CutForce]) -> tuple[np.ndar
     return force / (chip ** (1 - rise) * Kienzle.REFERENCE_CHIP**rise), rise
 
 
+def runout_of_line(cuts: Sequence[CutForce], linear: np.ndarray) -> float:
+    """Runout that the once-per-revolution line asks for, m: |F_1| = 2 a c0 sqrt(Ktc^2 + Krc^2) in each of x and y.
+
+    Exact for two teeth in a slot, a fair size for others.   linear : Ktc, Krc, ... N/m^2
+    """
+    line = np.mean([np.abs(cut.harmonics[:2, 1]).mean() / cut.conditions.axial_depth for cut in cuts])
+    return float(line / (2 * np.hypot(linear[0], linear[1])))
+
+
 def start_shapes(model: HarmonicModel, linear: np.ndarray) -> list[np.ndarray]:
     """Runouts to start from: the size the once-per-revolution line asks for and sizes about it, in several directions."""
     rise = list(kienzle_start(linear, model.cuts)[1]) if model.law == "kienzle" else []
     names = model.runout_names
     if not names:
         return [np.array(rise)]
-    # |F_1| = 2 a c0 sqrt(Ktc^2 + Krc^2) / N' in each of x and y, for N = 2; a fair size for more teeth
-    line = np.mean([np.abs(cut.harmonics[:2, 1]).mean() / cut.conditions.axial_depth for cut in model.cuts])
-    size = float(np.clip(line / (2 * np.hypot(linear[0], linear[1])), 1e-6, LARGEST_RUNOUT / 2))
+    size = float(np.clip(runout_of_line(model.cuts, linear), 1e-6, LARGEST_RUNOUT / 2))
     starts = []
     for c0 in (0.4 * size, 0.8 * size, 1.2 * size, 2.0 * size):
         for turn in (0.0,) if "s0" not in names else 2 * np.pi * np.arange(4) / 4:
@@ -81,17 +89,8 @@ def _tapers(model: HarmonicModel, c0: float) -> tuple[float, ...]:
     return (-2.0 * c0, 0.0, 2.0 * c0) if model.taper else (0.0,)
 
 
-def search(model: HarmonicModel, near: HarmonicFit | None = None) -> tuple[HarmonicFit, tuple[HarmonicFit, ...]]:
-    """The best fit found and its rivals, from several starts, or from the answer to a similar question and about it."""
-    if near is not None:
-        fits = []
-        for factor in (1.0, 0.5, 2.0) if model.runout_names else (1.0,):
-            shape = near.shape.copy()
-            shape[: len(model.runout_names)] *= factor
-            trial = replace(near, model=model, shape=shape)
-            fits.append(refine(replace(trial, phase=scan_phases(trial) if factor != 1.0 else near.phase)))
-        fits.sort(key=lambda fit: fit.cost)
-        return fits[0], tuple(fits[1:])
+def search(model: HarmonicModel) -> tuple[HarmonicFit, tuple[HarmonicFit, ...]]:
+    """The best fit found and its rivals, from several starts."""
     edge = start_coefficients(model.cuts)
     linear = (
         model.held if model.held is not None else kienzle_start(edge, model.cuts)[0] if model.law == "kienzle" else edge
@@ -117,6 +116,8 @@ def search(model: HarmonicModel, near: HarmonicFit | None = None) -> tuple[Harmo
 def ratio(cuts: Sequence[CutForce], modelled: Sequence[np.ndarray], band: int) -> tuple[np.ndarray, np.ndarray]:
     """RMS of what the model leaves over the RMS of the force, mean excluded, up to a harmonic.
 
+    An axis that carries no force to speak of is measured against a share of the loudest: there is nothing in it to predict.
+
     modelled : complex (axis, k) for each cut   returns pooled over the cuts (axis,), and (cut, axis)
     """
     left = np.array(
@@ -126,7 +127,7 @@ def ratio(cuts: Sequence[CutForce], modelled: Sequence[np.ndarray], band: int) -
         ]
     )
     whole = np.array([np.sum(np.abs(cut.harmonics[:, 1 : band + 1]) ** 2, 1) for cut in cuts])
-    whole = np.maximum(whole, 1e-300)
+    whole = np.maximum(whole, np.maximum(NO_FORCE**2 * whole.max(axis=1, keepdims=True), 1e-300))
     return np.sqrt(left.sum(0) / np.maximum(whole.sum(0), 1e-300)), np.sqrt(left / whole)
 
 
@@ -138,10 +139,21 @@ def predict(fit: HarmonicFit, cut: CutForce, band: int) -> np.ndarray:
     return modelled_harmonics(fit, cut, phase, band)
 
 
-def study(model: HarmonicModel, near: HarmonicFit | None = None) -> HarmonicStudy:
-    """Fit, leave each cut out, and judge up to the band of the fit."""
+def search_near(model: HarmonicModel, near: HarmonicFit) -> HarmonicFit:
+    """The best fit about the answer to a similar question: from there, and from half and twice its runout."""
+    fits = [refine(replace(near, model=model))]
+    for factor in (0.5, 2.0) if model.runout_names else ():
+        shape = near.shape.copy()
+        shape[: len(model.runout_names)] *= factor
+        trial = replace(near, model=model, shape=shape)
+        fits.append(refine(replace(trial, phase=scan_phases(trial))))
+    return min(fits, key=lambda fit: fit.cost)
+
+
+def study(model: HarmonicModel, best: HarmonicFit | None = None) -> HarmonicStudy:
+    """Fit (or take the fit given), leave each cut out, and judge up to the band of the fit."""
     band = model.band
-    best, rivals = search(model, near)
+    best, rivals = (best, ()) if best is not None else search(model)
     cuts = model.cuts
     in_sample, by_cut = ratio(
         cuts, [modelled_harmonics(best, c, p, band) for c, p in zip(cuts, best.phase, strict=True)], band

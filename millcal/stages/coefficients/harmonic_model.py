@@ -7,8 +7,9 @@ the spindle angle of record f at its first sample. G is the sensor: 1, a measure
 one mode per axis of static gain 1 whose frequency, damping and residue are unknowns as well.
 
 Runout. The cutter's axis is offset in parallel, so tooth j at height z reaches out by c0 cos(.) - s0 sin(.) of its own angle
-on the cutter, helix included; (c0, s0) = rho (cos, sin)(lambda) at mid depth. Two teeth show c0 alone and s0 is taken as 0;
-with equal pitch their labels may be exchanged, so c0 >= 0. Three teeth or more show both.
+on the cutter, helix included; (c0, s0) = rho (cos, sin)(lambda) at mid depth. Two teeth show c0 alone and s0 is taken as 0,
+unless the helix winds by half a radian over the depth; with equal pitch their labels may be exchanged, so c0 >= 0. Three
+teeth or more show both.
 
 The unit of a record is its harmonics, the mean included, so the noise of 150 000 samples is left behind at the door; by
 Parseval the fit equals least squares in time.
@@ -26,6 +27,8 @@ from millcal.physics.cutting_force import force_basis, kienzle_functions, linear
 
 LARGEST_RUNOUT = 80e-6  # m
 RISE = (-0.3, 0.98)  # bounds of Kienzle's exponents
+WINDING = 0.5  # rad of helix lag over the depth, from which two teeth show both parts of the runout
+LEAST_LEVEL = 0.1  # of the loudest axis: an axis with less force weighs as if it had this much
 RESIDUE_RIDGE = 0.05  # pulls the residue of a fitted sensor mode towards that of a plain resonator, 1
 
 Sensor = Callable[[np.ndarray], np.ndarray]  # frequency (k,) Hz -> (axis, axis, k)
@@ -51,10 +54,12 @@ class HarmonicModel:
 
     @property
     def runout_names(self) -> tuple[str, ...]:
-        teeth = self.cuts[0].cutter.teeth
-        if teeth == 1:
+        cutter = self.cuts[0].cutter
+        if cutter.teeth == 1:
             return ()
-        return ("c0", *(("s0",) if teeth > 2 else ()), *(("t0",) if self.taper else ()))
+        winding = min(float(cutter.helix_lag(np.array(cut.conditions.axial_depth))) for cut in self.cuts)
+        both = cutter.teeth > 2 or winding > WINDING
+        return ("c0", *(("s0",) if both else ()), *(("t0",) if self.taper else ()))
 
     @property
     def shape_names(self) -> tuple[str, ...]:
@@ -69,9 +74,7 @@ class HarmonicModel:
 def model_of(cuts: tuple[CutForce, ...], *, law: str, band: int, mean_weight: float, **options: Any) -> HarmonicModel:
     """The question with each axis weighted by its own AC force, and one phase for all where the records carry a pulse."""
     level = np.sqrt(np.mean([np.sum(np.abs(cut.harmonics[:, 1:]) ** 2, axis=1) / 2 for cut in cuts], axis=0))
-    weight = 1 / np.maximum(
-        level, 1e-6 * max(level.max(), 1e-300)
-    )  # an axis without force weighs little, not infinitely
+    weight = 1 / np.maximum(level, max(LEAST_LEVEL * level.max(), 1e-300))
     pulse = all(cut.phase_from_pulse for cut in cuts)
     return HarmonicModel(cuts, law, band, mean_weight, weight, common_phase=pulse, **options)
 
@@ -302,6 +305,19 @@ def noise_covariance(fit: HarmonicFit) -> np.ndarray:
     inverse = np.linalg.pinv(slope / scale, rcond=1e-10) / scale[:, np.newaxis]
     n = len(fit.linear) + len(fit.shape)
     return ((inverse * noise) @ inverse.T)[:n, :n]
+
+
+def seen_coefficients(fit: HarmonicFit) -> np.ndarray:
+    """Which linear coefficients the rows of the fit determine by themselves.   returns bool (q,)"""
+    ask = problem(fit.model)
+    matrix = ask.matrix(_unknowns(fit))
+    scale = np.linalg.norm(matrix, axis=0)
+    carries = scale * np.maximum(np.abs(fit.linear), 1e-3 * np.abs(fit.linear).max()) > 1e-6 * np.linalg.norm(ask.data)
+    _, values, vectors = np.linalg.svd(matrix[:, carries] / scale[carries], full_matrices=False)
+    hidden = vectors[values < 1e-4 * values[0]]
+    seen = carries.copy()
+    seen[carries] = np.sqrt(np.sum(hidden**2, axis=0)) < 0.1
+    return seen
 
 
 def condition(fit: HarmonicFit) -> tuple[float, np.ndarray]:

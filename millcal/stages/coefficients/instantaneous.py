@@ -16,10 +16,17 @@ from millcal.stages.coefficients.harmonic import (
     parameters,
     predict,
     ratio,
-    search,
+    search_near,
     study,
 )
-from millcal.stages.coefficients.harmonic_model import condition, model_of, modelled_harmonics, noise_covariance
+from millcal.stages.coefficients.harmonic_model import (
+    condition,
+    model_of,
+    modelled_harmonics,
+    noise_covariance,
+    refine,
+    seen_coefficients,
+)
 from millcal.stages.coefficients.resonance import diagnose
 from millcal.stages.coefficients.sensor import interpolated_sensor, sensor_covariance, within_reach
 
@@ -144,25 +151,29 @@ def _other_models(found: HarmonicStudy, saved: int, sensor: Frf | None) -> tuple
     forces = average.mean_forces(cuts, "whole-revolutions")
     plain, teeth = average.solve_means(cuts, forces, 0.0), cuts[0].cutter.teeth
     means, loss = average.search_contact_loss(cuts, forces) if teeth > 1 else (plain, average.NO_CONTACT_LOSS)
-    ac_only = study(replace(model, mean_weight=0.0), near=best)
+    alternating = replace(model, mean_weight=0.0)
+    ac_only = study(alternating, search_near(alternating, best))
     of_sensor = None if sensor is None else np.sqrt(np.diag(sensor_covariance(ac_only.best, sensor))[[0, 3]])
-    # the contact loss of the means is that of this fit where one c0 says it all; with more teeth the means decide
-    runout = float(best.shape[0]) if teeth == 2 else loss.runout
+    seen = seen_coefficients(ac_only.best)
+    of_ac = dict(zip(names, parameters(ac_only.best), strict=True))
+    of_ac = {
+        name: value for name, value in of_ac.items() if name not in average.NAMES or seen[average.NAMES.index(name)]
+    }
     ktc = {"this fit": float(best.linear[0]), "mean forces": float((means if loss.explains else plain).coefficients[0])}
     alternatives = [
-        alternative("alternating force alone", dict(zip(names, parameters(ac_only.best), strict=True))),
+        alternative("alternating force alone", of_ac),
         alternative("mean forces", dict(zip(average.NAMES, plain.coefficients, strict=True))),
     ]
     if loss.explains:
         named = dict(zip(average.NAMES, means.coefficients, strict=True)) | {"c0": loss.runout}
         alternatives.append(alternative("mean forces with contact loss", named))
     if saved > model.band:
-        wide = search(replace(model, band=saved, mean_weight=1.0), near=best)[0]
+        wide = refine(replace(best, model=replace(model, band=saved, mean_weight=1.0)))
         ktc["all harmonics"] = float(wide.linear[0])
         alternatives.append(alternative(f"harmonics to {saved}", dict(zip(names, parameters(wide), strict=True))))
     checks = [
         verdict.check_means(cuts, plain, loss),
-        verdict.check_means_against_ac(runout, found, ac_only, of_sensor),
+        verdict.check_means_against_ac(found, ac_only, seen, of_sensor),
         verdict.check_spread(ktc),
     ]
     return checks, alternatives
@@ -187,12 +198,12 @@ def _what_is_not_seen(found: HarmonicStudy, names: Sequence[str]) -> list[Notice
         )
         notices.append(Notice("unobservable", message, "cuts"))
     teeth = found.best.model.cuts[0].cutter.teeth
-    if teeth == 2:
+    if teeth == 2 and "s0" not in names:
         message = "two teeth show c0 = rho cos(lambda) at mid depth only; rho and lambda cannot be told apart"
-        notices.append(Notice("runout-combination", message, "cutter"))
-    elif teeth > 2 and found.best.model.cuts[0].cutter.pitch is None and not found.best.model.common_phase:
+        notices.append(Notice("runout-combination", message, "cutter", "note"))
+    elif teeth > 1 and found.best.model.cuts[0].cutter.pitch is None and not found.best.model.common_phase:
         message = f"teeth carry no label: the phase, and with it lambda, is known up to multiples of 360/{teeth} deg"
-        notices.append(Notice("tooth-label", message, "cutter"))
+        notices.append(Notice("tooth-label", message, "cutter", "note"))
     best = found.best
     for rival in found.rivals:
         if rival.cost < 1.1 * best.cost and abs(rival.linear[0] - best.linear[0]) > 0.15 * abs(best.linear[0]):

@@ -8,7 +8,7 @@ from millcal.data import Check, Coefficients, CutForce, Notice
 from millcal.errors import RecipeError
 from millcal.stages.coefficients import average, verdict
 from millcal.stages.coefficients.answer import NO_AIR_CUT, alternative, answer
-from millcal.stages.coefficients.harmonic import predict
+from millcal.stages.coefficients.harmonic import predict, runout_of_line
 from millcal.stages.coefficients.harmonic_model import HarmonicFit, model_of
 
 
@@ -25,7 +25,8 @@ def average_force(cuts: tuple[CutForce, ...], *, law: str, rows: str, contact_lo
     plain = average.solve_means(cuts, forces, 0.0)
     notices = [*average.axis_map_notices(cuts, forces), *average.curvature_notice(forces, plain.residual, cuts)]
     with_loss, loss = plain, average.NO_CONTACT_LOSS
-    if contact_loss != "off" and cuts[0].cutter.teeth > 1 and len(cuts) > 2:
+    looked = contact_loss != "off" and cuts[0].cutter.teeth > 1 and len(cuts) > 2
+    if looked:
         with_loss, loss = average.search_contact_loss(cuts, forces)
     chosen = with_loss if contact_loss == "fit" else plain
     alternatives = []
@@ -50,8 +51,9 @@ def average_force(cuts: tuple[CutForce, ...], *, law: str, rows: str, contact_lo
     steady = np.abs(chosen.residual).max(axis=0) < 0.01 * np.abs(forces).max()  # a flat axis has no R2 to speak of
     checks = (
         Check("axis-map", not turned, turned[0] if turned else "signs and sizes are those of a right axis map"),
+        verdict.check_scatter(len(cuts)),
         verdict.check_means(cuts, plain, loss),
-        verdict.check_contact_of_means(loss, fitted=contact_loss == "fit"),
+        _contact(cuts, chosen, loss, looked=looked),
         Check(
             "line", bool(np.all((r2 > 0.9) | steady)), f"R2 of the means x, y, z: {', '.join(f'{v:.4f}' for v in r2)}"
         ),
@@ -59,7 +61,7 @@ def average_force(cuts: tuple[CutForce, ...], *, law: str, rows: str, contact_lo
     return answer(
         cuts,
         average.posterior_of(chosen),
-        verdict.mean_force_verdict(plain, checks),
+        verdict.mean_force_verdict(chosen, checks),
         checks,
         modelled=_mean_force_curves(cuts, chosen),
         means=(forces, chosen.modelled),
@@ -68,6 +70,24 @@ def average_force(cuts: tuple[CutForce, ...], *, law: str, rows: str, contact_lo
         alternatives=alternatives,
         notices=notices,
     )
+
+
+def _contact(
+    cuts: tuple[CutForce, ...], fit: average.MeanForceFit, loss: average.ContactLoss, *, looked: bool
+) -> Check:
+    """Whether teeth lose contact: as the fit found, as the means say, or as the once-per-revolution line betrays."""
+    lag = cuts[0].cutter.tooth_lag()
+    if fit.runout > 0:
+        return verdict.check_contact(cuts, fit.runout * np.cos(lag))
+    if loss.explains:
+        size = f"c0 = {loss.runout * 1e6:.0f} um, F = {loss.f_value:.0f}"
+        return Check("contact-loss", False, f"teeth lose contact by runout ({size}), which biases the straight line")
+    if cuts[0].cutter.teeth == 1 or cuts[0].cutter.pitch is not None:
+        return Check("contact-loss", True, "not tested: one tooth, or unequal pitch, hides runout in the mean force")
+    offsets = runout_of_line(cuts, fit.coefficients) * np.cos(lag)
+    found = verdict.check_contact(cuts, offsets)
+    by = "the mean forces and the once-per-revolution line" if looked else "the once-per-revolution line"
+    return Check("contact-loss", found.passed, f"{found.message} (by {by})")
 
 
 def _mean_force_curves(cuts: tuple[CutForce, ...], fit: average.MeanForceFit) -> list[np.ndarray]:

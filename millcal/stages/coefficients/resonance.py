@@ -14,7 +14,7 @@ import numpy as np
 from millcal.data import AXES, Check, CutForce
 from millcal.stages.coefficients.answer import Alternative, alternative
 from millcal.stages.coefficients.average import NAMES
-from millcal.stages.coefficients.harmonic import HarmonicStudy, parameters, study
+from millcal.stages.coefficients.harmonic import HarmonicStudy, parameters, search_near, study
 from millcal.stages.coefficients.harmonic_model import HarmonicFit, refine, scan_phases
 
 
@@ -48,7 +48,10 @@ def diagnose(found: HarmonicStudy, saved: int) -> tuple[Check, Alternative] | No
         sensor = np.concatenate([modes, [0.1] * 3, [1.0] * 3])
         start = HarmonicFit(model, np.array([*c0, *taper]), sensor, best.phase, best.linear, np.inf)
         fits.append(refine(replace(start, phase=scan_phases(start))))
-    whole = study(fits[0].model, near=min(fits, key=lambda fit: fit.cost))
+    # a mode driven to the end of its range, 15 % from its line, is no longer the mode of that line
+    near = [fit for fit in fits if np.all(np.abs(fit.sensor[:2] / fit.model.sensor_modes[:2] - 1) < 0.149)]
+    chosen = min(near or fits, key=lambda fit: fit.cost)
+    whole = study(chosen.model, search_near(chosen.model, chosen))
     assert whole.predicted is not None
     ratios = ", ".join(f"{axis} {value:.2f}" for axis, value in zip(AXES, whole.predicted, strict=True))
     modes = ", ".join(f"{value:.0f}" for value in whole.best.sensor[:3])

@@ -125,7 +125,7 @@ def within_reach(
         message = (
             f"harmonics above {kept * spindle:.0f} Hz are left out: the sensor's FRF is usable up to {high:.0f} Hz"
         )
-        notices.append(Notice("sensor-band", message, "sensor"))
+        notices.append(Notice("sensor-band", message, "sensor", "note"))
     pairs = {(i, j) for i, j, *_ in _pairs(frf)}
     if missing := [axis for i, axis in enumerate(AXES) if (i, i) not in pairs]:
         message = f"the sensor's FRF says nothing of {', '.join(missing)}, which is taken as perfect; hit it there too"
