@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from millcal.cli.speak import Json, Quiet, Seed, pairs, progress_bar, reply
+from millcal.cli.speak import Json, Quiet, Seed, keep_and_reply, pairs, progress_bar
 
 
 def frf(
@@ -66,12 +66,8 @@ def frf(
 
     Example: millcal frf tap_x.h5 tap_y.h5 -o frf.h5
     """
-    from millcal.io.provenance import provenance
-    from millcal.io.readable import text_of
     from millcal.io.recipes import read_setup
     from millcal.io.recordings import read_recording
-    from millcal.io.results import write_result
-    from millcal.io.summaries import summarise
     from millcal.stages.frf import estimate_frf
 
     stated = {
@@ -98,14 +94,13 @@ def frf(
             resolution=resolution_hz or None,
             progress=lambda share, label: progress(0.5 + 0.5 * share, label),
         )
-    origin = provenance([*recordings, *([setup] if setup else [])], seed=seed)
-    write_result(out, found, provenance=origin)
-    reply(
+    keep_and_reply(
         "frf",
-        text_of(found),
-        {**summarise(found), "output": str(out)},
-        inputs=origin["inputs"],
+        found,
+        out,
+        read=[*recordings, setup],
         notices=found.notices,
+        seed=seed,
         as_json=as_json,
         quiet=quiet,
     )

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from millcal.cli.speak import Json, NoSeed, Quiet, progress_bar, reply
+from millcal.cli.speak import Json, NoSeed, Quiet, keep_and_reply, pairs, progress_bar
 
 METHODS = ("nls", "average")  # those of the stage, which --help must not import; a test keeps them equal
 LAWS = ("linear-edge", "kienzle")
@@ -70,15 +70,11 @@ def identify(
     if feed_per_tooth_mm and len(feed_per_tooth_mm) != len(recordings):
         raise typer.BadParameter(f"{len(feed_per_tooth_mm)} feeds for {len(recordings)} recordings; give one for each")
 
-    from millcal.cli.speak import pairs
     from millcal.data import Frf
     from millcal.errors import RecipeError
-    from millcal.io.provenance import provenance
-    from millcal.io.readable import text_of
     from millcal.io.recipes import read_setup
     from millcal.io.recordings import read_recording
-    from millcal.io.results import read_result, write_result
-    from millcal.io.summaries import summarise
+    from millcal.io.results import read_result
     from millcal.stages.coefficients import fit_coefficients
     from millcal.stages.conditioning import condition_cut
     from millcal.units import from_shop
@@ -118,13 +114,11 @@ def identify(
             mean_weight=mean_weight,
             sensor=read_result(sensor, Frf) if sensor else None,
         )
-    origin = provenance([*recordings, *(path for path in (setup, sensor) if path)])
-    write_result(output, found, provenance=origin)
-    reply(
+    keep_and_reply(
         "identify",
-        text_of(found),
-        summarise(found),
-        inputs=origin["inputs"],
+        found,
+        output,
+        read=[*recordings, setup, sensor],
         notices=[*notices, *found.notices],
         as_json=as_json,
         quiet=quiet,

@@ -4,7 +4,8 @@ import json
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
 
@@ -50,6 +51,39 @@ def reply(
     if not quiet:
         for line in _grouped(notice for notice in notices if notice.level == "warning"):
             typer.echo(f"warning: {line}", err=True)
+
+
+def keep_and_reply(
+    command: str,
+    record: Any,
+    output: Path,
+    *,
+    read: Iterable[Path | None],
+    notices: Iterable,
+    seed: int = 0,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Write the record a stage has found to its result file, and print it.
+
+    read : the files it was made of   notices : all of the command, those of the record among them
+    """
+    from millcal.io.provenance import provenance
+    from millcal.io.readable import text_of
+    from millcal.io.results import write_result
+    from millcal.io.summaries import summarise
+
+    origin = provenance([path for path in read if path is not None], seed=seed)
+    write_result(output, record, provenance=origin)
+    reply(
+        command,
+        text_of(record),
+        {**summarise(record), "output": str(output)},
+        inputs=origin["inputs"],
+        notices=notices,
+        as_json=as_json,
+        quiet=quiet,
+    )
 
 
 def _grouped(notices: Iterable) -> list[str]:

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from millcal.cli.speak import Json, Quiet, Seed, progress_bar, reply
+from millcal.cli.speak import Json, Quiet, Seed, keep_and_reply, progress_bar
 
 METHODS = ("zoa",)  # those of the stage, which --help must not import; a test keeps them equal
 
@@ -63,10 +63,6 @@ def stability(
 
     import numpy as np
 
-    from millcal.io.provenance import provenance
-    from millcal.io.readable import text_of
-    from millcal.io.results import write_result
-    from millcal.io.summaries import summarise
     from millcal.stages.stability import map_stability
     from millcal.units import from_shop
 
@@ -116,15 +112,13 @@ def stability(
             rng=np.random.default_rng(seed),
             progress=progress,
         )
-    inputs = [path for path in (coefficients, frf, modes, setup) if path is not None]
-    origin = provenance(inputs, seed=seed)
-    write_result(output, found, provenance=origin)
-    reply(
+    keep_and_reply(
         "stability",
-        text_of(found),
-        summarise(found),
-        inputs=origin["inputs"],
+        found,
+        output,
+        read=[coefficients, frf, modes, setup],
         notices=[*notices, *found.notices],
+        seed=seed,
         as_json=as_json,
         quiet=quiet,
     )

@@ -201,7 +201,9 @@ def _source_of(name: str, table: ChannelTable, columns: Sequence[Column]) -> str
 def _gain(column: Column, text: str | None, quantity: str | None, problems: list[str]) -> tuple[str, str, float] | None:
     """Quantity, SI unit and factor of a column, or None after adding the problem."""
     name = column.written or column.name
-    how = f"""state it with --unit "{column.name}=..." ({_KNOWN}), or leave the column out with --map"""
+    how = (
+        f"""state it with --unit "{column.name}=..." or under [units] ({_KNOWN}), or leave the column out with --map"""
+    )
     if text is None or not text.strip():
         if quantity == "pulse":
             return "pulse", "1", 1.0

@@ -36,11 +36,11 @@ def table(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
 
 
 def _cell(item: Any) -> str:
-    """Four digits are enough to read; a dash is what is not known."""
+    """Four digits are enough to read, and all four are shown; a dash is what is not known."""
     if item is None or (isinstance(item, float) and not isfinite(item)):
         return "-"
     if isinstance(item, float):
-        return f"{item:.0f}" if abs(item) >= 1e3 else f"{item:.4g}"
+        return f"{item:.0f}" if abs(item) >= 999.95 or item == 0 else f"{item:#.4g}"
     return str(item)
 
 

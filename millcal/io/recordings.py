@@ -105,8 +105,8 @@ def read_recording(
         checked_rate(stated, str(path), "state another with --rate-hz")
     if chosen.time is None and source.sample_rate is None and stated is None:
         raise RecordingError(
-            f"{path}: no time column and no sample rate; state --rate-hz, or the time column by its unit, "
-            f"such as --unit {source.columns[0].name}=s"
+            f"{path}: no time column and no sample rate; state --rate-hz, sample_rate_hz in a recipe, or the time "
+            f"column by its unit, such as --unit {source.columns[0].name}=s"
         )
     if source.rows is not None and source.rows < FEWEST:
         raise RecordingError(f"{path}: only {source.rows} samples; a recording needs at least {FEWEST}")

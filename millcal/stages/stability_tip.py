@@ -135,7 +135,7 @@ def tip_receptance(frf: Frf, band: tuple[float, float]) -> Lines:
     notices = []
     unmeasured = ~np.isfinite(measured).all(axis=0)
     if unmeasured.any():
-        notices.append(Notice("cross-terms", "cross receptances with gaps are taken as zero", where))
+        notices.append(Notice("cross-terms", "cross receptances with gaps are taken as zero", where, "note"))
         measured[:, unmeasured] = 0.0
     values = np.zeros((len(frequency), 2, 2), complex)
     values[np.ix_(range(len(frequency)), to, to)] = measured

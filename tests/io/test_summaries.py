@@ -140,5 +140,5 @@ def test_a_dotted_path_finds_a_value_or_nothing(path, value):
 
 def test_a_table_lines_up():
     assert table(("name", "N"), [("a", 1.0), ("long name", 12345.678), ("c", None)]) == (
-        "name           N\na              1\nlong name  12346\nc              -"
+        "name           N\na          1.000\nlong name  12346\nc              -"
     )

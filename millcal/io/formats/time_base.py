@@ -18,6 +18,7 @@ TIME_UNITS = {
     "ns": 1e-9, "min": 60.0, "h": 3600.0,
 }  # fmt: skip
 SLOWEST, FASTEST = 10.0, 50e6  # Hz; outside, a unit is wrong
+MATTERS = 1e-5  # relative; what a spindle speed is known to
 _COARSE = 256  # every so many times one is kept for the final look at the line
 _DIGITS = 10.0 ** np.arange(13)
 _DAY = 86400.0
@@ -111,7 +112,7 @@ class TimeBase:
                 f"rounded to {self.resolution:.1g} s: any rate in {measured * (1 - doubt):.8g} to "
                 f"{measured * (1 + doubt):.8g} Hz would do, {rate:.10g} Hz is taken; state another with --rate-hz"
             )
-            notices.append(Notice("rounded-times", message, self.where))
+            notices.append(Notice("rounded-times", message, self.where, "warning" if doubt > MATTERS else "note"))
         return checked_rate(rate, self.where, "check the unit of the column, or state the rate with --rate-hz"), notices
 
     def _check_evenness(self, step: float, rounding: float) -> list[Notice]:

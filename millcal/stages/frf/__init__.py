@@ -181,7 +181,8 @@ def _assemble(taps: list[Tap], length: int, points: int, rate: float, estimator:
         notices.append(Notice("single-hit", message))
     if np.isnan(values[1:]).all(axis=0).any():
         o, i = np.argwhere(np.isnan(values[1:]).all(axis=0))[0]
-        notices.append(Notice("not-measured", f"some pairs stand in no recording, {outputs[o]}/{inputs[i]} among them"))
+        message = f"some pairs stand in no recording, {outputs[o]}/{inputs[i]} among them"
+        notices.append(Notice("not-measured", message, level="note"))
     if not set(inputs) & set(outputs):
         message = (
             f"no response was measured where the hammer hit ({', '.join(inputs)}); name the dofs of the channels, "
