@@ -125,6 +125,9 @@ def _stages(recipe: Recipe, seed: int, progress: Progress) -> tuple[dict[str, An
                 progress=_part(progress, *taken[4]),
             )
             notices += results["stability"].notices
+            if results["coefficients"].verdict != "fits":
+                said = "the map rests on coefficients whose verdict is not `fits`, and its band knows nothing of that"
+                notices.append(Notice("doubtful-coefficients", said, recipe.where("stability")))
     return results, recordings, list(dict.fromkeys(notices))
 
 
@@ -181,6 +184,9 @@ def _why_no_map(coefficients: Coefficients | None, dynamics: Frf | Modes | None)
         return "no map, because no cuts give coefficients; add [[cuts]]"
     if dynamics is None:
         return "no map, because the dynamics are unknown; add [impact] recordings or [[structure.modes]]"
+    if not coefficients.posterior.mean[0] > 0:
+        name = coefficients.posterior.names[0]
+        return f"no map, because {name} is not positive; see the checks of the coefficients, the axis map first"
     return ""
 
 

@@ -69,6 +69,8 @@ def identify(
         raise typer.BadParameter(f"{law!r} is not known; there are: {', '.join(LAWS)}", param_hint="--law")
     if feed_per_tooth_mm and len(feed_per_tooth_mm) != len(recordings):
         raise typer.BadParameter(f"{len(feed_per_tooth_mm)} feeds for {len(recordings)} recordings; give one for each")
+    if feed_per_tooth_mm and min(feed_per_tooth_mm) <= 0:
+        raise typer.BadParameter("a feed per tooth is above zero", param_hint="--feed-per-tooth-mm")
 
     from millcal.data import Frf
     from millcal.errors import RecipeError

@@ -181,6 +181,16 @@ def _posterior(posterior: Posterior) -> dict[str, Any]:
     return told
 
 
+def _shop_value(name: str, value: float) -> tuple[str, float | None]:
+    """A parameter of another model, its unit in the key: Ktc_N_per_mm2, Kte_N_per_mm, kt_N_per_mm2, c0_um, mt."""
+    if name in ("c0", "s0", "t0"):
+        return f"{name}_um", _shop(value, "x_um")
+    if name in ("mt", "mr", "ma"):
+        return name, _known(value)
+    suffix = "N_per_mm" if name in ("Kte", "Kre", "Kae") else "N_per_mm2"
+    return f"{name}_{suffix}", _shop(value, f"x_{suffix}")
+
+
 def _offset_of_the_cutter(fit: Coefficients) -> dict[str, Any]:
     """rho and lambda of a parallel offset from c0 and s0, which are its parts in x and y at mid depth.
 
@@ -238,7 +248,7 @@ def _coefficients(fit: Coefficients) -> dict[str, Any]:
         "in_sample_wide": _by_axis(fit.in_sample_wide),
         "left_out_wide": _by_axis(fit.left_out_wide),
         "alternatives": [
-            {"model": name, "values": {key: _known(value) for key, value in values}}
+            {"model": name, "values": dict(_shop_value(key, value) for key, value in values)}
             for name, values in fit.alternatives
         ],
         "cuts": cuts,

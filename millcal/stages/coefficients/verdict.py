@@ -25,7 +25,8 @@ from millcal.stages.coefficients.harmonic_model import HarmonicFit, modelled_har
 
 PREDICTION = np.array([0.15, 0.15, 0.25])  # residual / AC rms of a cut left out, x y z
 PROVISIONAL = 0.35
-ASYNCHRONOUS = 0.02  # share of the AC power of the axis, and of the AC force of the loudest axis
+ASYNCHRONOUS = 0.02  # share of the AC power of the axis
+ASYNCHRONOUS_FORCE = 0.05  # and share of the AC force of the loudest axis: less is a sensor's noise on a quiet axis
 SPREAD_OF_MODELS = 0.15  # of Ktc
 BENT_OF_NOISE = 3.0  # misfit of the means over the noise of the means, in rms
 ABOVE_TOOTH_PASSING = 1.5  # measured over predicted
@@ -58,13 +59,12 @@ def short_name(cut: CutForce) -> str:
 def check_asynchronous(cuts: Sequence[CutForce]) -> Check:
     """Chatter, drift or another machine: force that does not follow the spindle."""
     share = np.array([1 - cut.synchronous_share for cut in cuts])
-    # the noise of a sensor on an axis that hardly carries force is no chatter
     rest = np.array([cut.asynchronous_rms / max(cut.ac_rms.max(), 1e-300) for cut in cuts])
     loud = [
         f"{short_name(cut)} {AXES[i]} {100 * share[f, i]:.1f} %"
         for f, cut in enumerate(cuts)
         for i in range(3)
-        if share[f, i] > ASYNCHRONOUS and rest[f, i] > ASYNCHRONOUS
+        if share[f, i] > ASYNCHRONOUS and rest[f, i] > ASYNCHRONOUS_FORCE
     ]
     message = f"{100 * share.max():.1f} % of the AC power at most does not follow the spindle"
     if loud:

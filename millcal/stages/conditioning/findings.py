@@ -12,7 +12,8 @@ from millcal.stages.conditioning.spindle import Revolutions
 MOST_PEAKS = 10  # per axis
 SMALLEST_PEAK = 0.01  # of the AC rms of its axis
 CHATTER = 0.02  # of the largest AC rms
-ASYNCHRONOUS = 0.02  # of the AC power
+ASYNCHRONOUS = 0.02  # of the AC power of an axis
+ASYNCHRONOUS_FORCE = 0.05  # of the AC force of the loudest axis: less is a sensor's noise on a quiet axis
 STILL = 4  # samples in a row at the same extreme value
 
 
@@ -89,7 +90,8 @@ def note_chatter(
 def note_asynchronous(ac_rms: np.ndarray, asynchronous_rms: np.ndarray, note: Note) -> None:
     """Say which axes hold much power that the spindle does not explain."""
     share = (asynchronous_rms / np.maximum(ac_rms, 1e-300)) ** 2
-    told = [f"{value:.1%} in {axis}" for axis, value in zip(AXES, share, strict=True) if value > ASYNCHRONOUS]
+    loud = (share > ASYNCHRONOUS) & (asynchronous_rms > ASYNCHRONOUS_FORCE * ac_rms.max())
+    told = [f"{value:.1%} in {axis}" for axis, value, tell in zip(AXES, share, loud, strict=True) if tell]
     if told:
         note("asynchronous", f"AC power that does not follow the spindle: {', '.join(told)}")
 
