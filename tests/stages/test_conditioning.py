@@ -8,11 +8,15 @@ import pytest
 from millcal.data import Channel, Recording
 from millcal.errors import RecordingError
 from millcal.physics.cutter import Cutter, CuttingConditions
+from millcal.physics.cutting_force import LinearEdge, force_harmonics
+from millcal.physics.measuring_chain import MeasuringChain
+from millcal.simulation import Timeline, simulate_cut
 from millcal.stages.conditioning import condition_cut
 
 RATE = 10_000.0
 SPINDLE = 119.371  # Hz: 83.77 samples per revolution
 CUTTER = Cutter(0.012, 2, np.radians(30))
+LAW = LinearEdge(cutting=np.array([820e6, 260e6, 110e6]), edge=np.array([18e3, 16e3, 3e3]))
 FORCES = tuple(Channel("f" + axis, "force", "N", "tip" + axis.upper()) for axis in "xyz")
 PULSE = Channel("pulse", "pulse", "1", "spindle")
 
@@ -491,3 +495,25 @@ def test_a_simulated_cut_with_a_pulse_gives_back_the_harmonics_of_its_force_law(
     error = result.harmonics * np.exp(-1j * turn * order) - law_says
     assert np.mean(np.abs(error[:, 1:]) ** 2) < 1.3 * np.mean(result.harmonics_variance[:, 1:])
     assert np.abs(error[:, 0]).max() < 0.05  # of the air cuts' noise, mostly
+
+
+def test_the_stated_variance_of_the_mean_knows_of_the_air_cut():
+    """Over many recordings the error of the mean is as large as its variance says, offset and drift being unknown."""
+    errors, stated = [], []
+    conditions = CuttingConditions(200 * np.pi, 1e-4, 2e-3, 16e-3, "slot")
+    truth = force_harmonics(LAW, CUTTER, conditions, 0)[:, 0].real
+    for seed in range(30):
+        recording, _ = simulate_cut(
+            LAW,
+            CUTTER,
+            conditions,
+            rng=np.random.default_rng(seed),
+            sample_rate=5000.0,
+            timeline=Timeline(0.4, 0.1, 0.1, 0.05),
+            dynamometer=MeasuringChain(noise=3.0, offset=(5.0, -4.0, 3.0), drift=(2.0, 1.0, -1.0)),
+        )
+        cut = condition_cut(recording, harmonics=4)
+        errors.append(cut.harmonics[:, 0].real - truth)
+        stated.append(cut.harmonics_variance[:, 0].real)
+    ratio = np.mean(np.square(errors)) / np.mean(stated)
+    assert 0.6 < ratio < 1.6  # 90 errors: the binomial scatter of their mean square is 15 %

@@ -61,8 +61,8 @@ def condition_cut(
     start, stop = steady_samples(recording, steady, survey, where, note)
     findings.note_clipping(recording, rows, start, stop, note)
     spans = air_samples(recording, air, survey, (start, stop), where)
-    level, slope = offset_line(raw, spans, rate / stated, rate, offset, where, note)
-    read = read_forces(recording, rows, level, slope)
+    line = offset_line(raw, spans, rate / stated, rate, offset, where, note)
+    read = read_forces(recording, rows, line.offset, line.drift)
     if lowpass is not None:
         if not 0 < lowpass < rate / 2:
             raise RecordingError(
@@ -99,13 +99,16 @@ def condition_cut(
     findings.note_motion(turns, ac_rms, analysed, note)
 
     fitted[:, 0] = spindle.mean_force(read, start, stop, stated / rate, fitted[:, 0].real, turns.variance[:, 0])
+    variance = turns.variance[:, : saved + 1].copy()
+    middle = (start + stop - 1) / 2
+    variance[:, 0] += line.variance_at(middle)
     tell(1.0, "conditioned")
     return CutForce(
         name=recording.name,
         cutter=recording.cutter,
         conditions=recording.conditions,
         harmonics=spectra.turned(fitted, phase)[:, : saved + 1],
-        harmonics_variance=turns.variance[:, : saved + 1],
+        harmonics_variance=variance,
         mean_all_rows=spectra.mean_of(read, start, stop),
         revolution_means=turns.means,
         average_angle=averaged.angle,
@@ -116,8 +119,8 @@ def condition_cut(
         overview_time=survey.time / rate,
         overview_low=survey.low,
         overview_high=survey.high,
-        removed_offset=level + slope * (start + stop - 1) / 2,
-        removed_drift=slope * rate,
+        removed_offset=line.offset + line.drift * middle,
+        removed_drift=line.drift * rate,
         sample_rate=rate,
         spindle_frequency=frequency,
         spindle_frequency_sd=frequency_sd,

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -63,14 +64,29 @@ def block_size(length: int) -> int:
     return length if length <= WHOLE_RECORD else WHOLE_RECORD // 16
 
 
+class AirLine(NamedTuple):
+    """Offset and drift by sample, and how well they are known."""
+
+    offset: np.ndarray  # N at sample 0, (axis,)
+    drift: np.ndarray  # N per sample, (axis,)
+    centre: float  # sample at which the level is known best
+    level_variance: np.ndarray  # N^2, (axis,)
+    drift_variance: np.ndarray  # (N per sample)^2, (axis,)
+
+    def variance_at(self, sample: float) -> np.ndarray:
+        """Variance of what is removed at a sample.   returns (axis,) N^2"""
+        return self.level_variance + (sample - self.centre) ** 2 * self.drift_variance
+
+
 def offset_line(
     read: Reader, spans: list[Samples], samples_per_revolution: float, rate: float, offset: str, where: str, note: Note
-) -> tuple[np.ndarray, np.ndarray]:
-    """The line through the revolution means of the air cuts: N at sample 0 and N per sample, each (axis,).
+) -> AirLine:
+    """The line through the revolution means of the air cuts.
 
-    Air cut on one side of the cut only gives its level and no drift: a slope from there would be an extrapolation.
+    Air cut on one side of the cut only gives its level and no drift: a slope from there would be an extrapolation. Its
+    variance is that of the scatter of the revolution means, more where neighbours are alike (slow noise of the amplifier).
     """
-    nothing = np.zeros(3), np.zeros(3)
+    nothing = AirLine(np.zeros(3), np.zeros(3), 0.0, np.zeros(3), np.zeros(3))
     if offset == "none":
         note("offset-kept", "offset and drift are left in, as asked; the edge coefficients absorb them", "note")
         return nothing
@@ -95,9 +111,15 @@ def offset_line(
     if not means:
         raise RecordingError(f"{where}: the air cut holds samples that are no numbers; give air_s without them")
     time, mean = np.array(times), np.array(means)  # (revolution,), (revolution, axis)
-    centre, level, slope = time.mean(), mean.mean(axis=0), np.zeros(3)
+    centre, level, slope = float(time.mean()), mean.mean(axis=0), np.zeros(3)
+    moment = float(np.sum((time - centre) ** 2))
     if len(spans) > 1:
-        slope = (time - centre) @ (mean - level) / np.sum((time - centre) ** 2)
+        slope = (time - centre) @ (mean - level) / moment
+    left = mean - level - np.outer(time - centre, slope)
+    alike = np.sum(left[1:] * left[:-1], axis=0) / np.maximum(np.sum(left**2, axis=0), 1e-300)
+    scatter = (
+        np.sum(left**2, axis=0) / max(len(time) - 2, 1) * (1 + np.clip(alike, 0, 0.8)) / (1 - np.clip(alike, 0, 0.8))
+    )
     offsets = ", ".join(f"{axis} {value:.3g}" for axis, value in zip(AXES, level, strict=True))
     drifts = ", ".join(f"{axis} {value * rate:.3g}" for axis, value in zip(AXES, slope, strict=True))
     seconds = sum(high - low for low, high in spans) / rate
@@ -109,4 +131,5 @@ def offset_line(
         + ("" if len(spans) > 1 else "; it lies on one side of the cut only, so drift stays in"),
         "note" if len(spans) > 1 else "warning",
     )
-    return level - slope * centre, slope
+    drift_variance = scatter / moment if len(spans) > 1 else np.zeros(3)
+    return AirLine(level - slope * centre, slope, centre, scatter / len(time), drift_variance)

@@ -67,7 +67,7 @@ def test_contact_loss_explains_the_bend_of_the_means(cuts):
     assert loss.explains
     # the study lets contact fade over the last micrometre of chip, here it ends; its 11 um are our 11.25 um
     fit = solve_means(cuts, mean_forces(cuts, "all"), 11.25e-6)
-    assert fit.coefficients / SHOP == pytest.approx([898, 165, 26, 20.9, 26.6, 28.1], rel=0.01, abs=1.5)
+    assert fit.coefficients / SHOP == pytest.approx([898, 165, 26, 20.9, 26.6, 28.1], rel=0.01, abs=2)
 
 
 def test_the_default_fit_is_that_of_the_study(cuts):
