@@ -10,6 +10,7 @@ import sys
 from importlib.metadata import version
 from pathlib import Path
 
+from force import force
 from main_job import main_job
 from stability import stability
 from start import start
@@ -18,6 +19,7 @@ from text_reader import text_reader
 SECTIONS = {
     "Text reader": text_reader,
     "Start": start,
+    "Force and coefficients": force,
     "Stability map": stability,
     "Main job": main_job,
 }
