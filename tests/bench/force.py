@@ -82,4 +82,4 @@ def force(options) -> str:
         for name in ("average", "nls")
     ]
     second = table(("five cuts of 1.2 s, three teeth, conditioned", "CPU ms"), *fits)
-    return f"{first}\n\n{second}\n\nThe time of `nls` covers the fit, all fits with a cut left out, the checks and the other models."
+    return f"{first}\n\n{second}\n\n`nls` covers the fit, all fits with a cut left out, the checks and the other models."
