@@ -144,10 +144,7 @@ def _stability_brief(found: StabilityMap) -> str:
         f"stable at any speed below {_cell(s['minimum']['ap_mm'])} mm"
     ]
     if s["best"]:
-        lines.append("best speeds, the most material first:")
-        keys = ("ap_mm", "mrr_cm3_per_min", "p_stable", "safe_ap_mm")[: 2 if found.limit_low is None else 4]
-        rows = [(round(b["rpm"]), *(b[key] for key in keys)) for b in s["best"]]
-        lines.append(table(("rpm", "limit mm", "cm3/min", "p stable", "safe mm")[: len(keys) + 1], rows))
+        lines += _best_speeds(s["best"])
     else:
         lines.append("no pocket between lobes in this range of speeds")
     if s["operating_point"] is not None:
@@ -158,6 +155,20 @@ def _stability_brief(found: StabilityMap) -> str:
             limit += f" ({_interval(p['limit_ap_mm_ci95'])})"
         lines.append(f"operating point {p['rpm']:.0f} rpm, {p['ap_mm']:.4g} mm: {limit}{stable}")
     return "\n".join(lines)
+
+
+def _best_speeds(best: Sequence[dict[str, Any]]) -> list[str]:
+    """What to cut at each speed and what that removes; with a band the safe depth, else the limit itself."""
+    if all(b["safe_ap_mm"] is None for b in best):
+        rows = [(round(b["rpm"]), b["ap_mm"], b["mrr_cm3_per_min"]) for b in best]
+        return ["best speeds, the most material first, at the limit:", table(("rpm", "limit mm", "cm3/min"), rows)]
+    rows = []
+    for b in best:
+        safe, removal = b["safe_ap_mm"], b["mrr_cm3_per_min"]
+        at_safe = None if safe is None or removal is None else removal * safe / b["ap_mm"]
+        rows.append((round(b["rpm"]), safe, at_safe, b["ap_mm"], b["p_stable"]))
+    head = "best speeds, the most material first (safe: stable with 97.5 %; cm3/min at the safe depth):"
+    return [head, table(("rpm", "safe mm", "cm3/min", "limit mm", "p stable at limit"), rows)]
 
 
 def _round_speeds(rpm: np.ndarray) -> list[int]:

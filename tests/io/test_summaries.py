@@ -1,6 +1,7 @@
 """A record's JSON holds what the contract promises, in shop units, with null for what is not known."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -88,6 +89,25 @@ def test_a_map_lists_the_crossings_of_each_speed_and_none_where_there_is_no_limi
     assert told["best"][0]["mrr_cm3_per_min"] is None
     assert told["best"][0]["p_stable"] is None
     assert told["minimum"] == {"ap_mm": 1.0, "chatter_hz": 810.0}
+
+
+def test_the_best_speeds_as_text_are_those_of_the_safe_depth_or_of_the_limit_where_no_band_is_known(make_record):
+    best = BestSpeed(200 * np.pi, 4e-3, 1e-5, 0.5, 3e-3)  # 600 cm^3/min at the limit
+    found = replace(make_record("stability_map"), best=(best,))
+    assert summarise(found)["best"][0]["safe_ap_mm"] == pytest.approx(3.0)
+    header, row = _table_after(text_of(found), "best speeds")
+    assert re.split(" {2,}", header.strip()) == ["rpm", "safe mm", "cm3/min", "limit mm", "p stable at limit"]
+    assert [float(cell) for cell in row.split()] == pytest.approx([6000, 3.0, 450.0, 4.0, 0.5])
+    header, row = _table_after(text_of(replace(found, best=(replace(best, safe_depth=None),))), "best speeds")
+    assert "safe" not in header
+    assert [float(cell) for cell in row.split()] == pytest.approx([6000, 4.0, 600.0])
+
+
+def _table_after(text, title):
+    """The header and the first row of the table under a line that begins so."""
+    lines = text.splitlines()
+    at = next(i for i, line in enumerate(lines) if line.startswith(title))
+    return lines[at + 1 : at + 3]
 
 
 def test_an_frf_tells_its_hits_and_the_median_coherence_is_unknown_for_single_hits(make_record):
