@@ -27,6 +27,17 @@ def fixed(value: float | None, decimals: int) -> str:
     return text
 
 
+def rounded_down(value: float | None, decimals: int) -> str:
+    """A number to so many decimals, never above it: for what must not be exceeded.
+
+    >>> rounded_down(10.749, 2), rounded_down(1.2, 2), rounded_down(None, 2)
+    ('10.74', '1.20', '–')
+    """
+    if value is None or not math.isfinite(value):
+        return fixed(value, decimals)
+    return fixed(math.floor(value * 10.0**decimals * (1 + 1e-12)) / 10.0**decimals, decimals)
+
+
 def significant(value: float | None, digits: int = 3) -> str:
     """A number to so many significant digits, without an exponent wherever that stays readable.
 

@@ -15,7 +15,7 @@ from millcal.report import charts, driving_points
 from millcal.report.charts import HALF, Band, Item, Line, Panel, Rule, Span, chart, decades_of, span_of
 from millcal.report.digits import csv_number, fixed
 from millcal.report.driving_points import FORMS, PHASE_MIDDLE, driving_pairs, rows_drawn
-from millcal.report.wording import short_names
+from millcal.report.wording import cut_names
 
 TABLE_ROWS = 24  # of the table under a chart
 CSV_ROWS = 1000  # of the CSV under a chart: all that is drawn
@@ -105,7 +105,7 @@ def _envelope(low: np.ndarray, high: np.ndarray, most: int) -> tuple[np.ndarray,
 
 def overview(cuts: Sequence[CutForce]) -> list[Figure]:
     """The whole record of each cut as envelopes, with the steady part and the air cuts marked."""
-    short = short_names([cut.name for cut in cuts])
+    short = cut_names([cut.name for cut in cuts])
     return [_overview(cut, short[cut.name], number) for number, cut in enumerate(cuts)]
 
 

@@ -22,7 +22,7 @@ from millcal.report.charts import (
 )
 from millcal.report.digits import fixed
 from millcal.report.figures import Column, Figure
-from millcal.report.wording import conditions_in_words, parameter, short_names
+from millcal.report.wording import conditions_in_words, cut_names, parameter
 
 MOST_CUTS = 12  # shown as curves; more would be a wall of small pictures
 ANGLES = 180  # points of a curve over one revolution
@@ -65,7 +65,7 @@ def _revolution(
     y_ranges: Sequence[tuple[float, float]],
     reach: Sequence[float],
 ) -> Figure:
-    name = short_names(fit.cuts)[fit.cuts[number]]
+    name = cut_names(fit.cuts)[fit.cuts[number]]
     step = max(1, len(fit.angle) // ANGLES)
     kept = np.arange(0, len(fit.angle), step)
     degrees = np.degrees(fit.angle[kept])
@@ -78,11 +78,12 @@ def _revolution(
             items.append(Band(degrees, measured - 2 * spread, measured + 2 * spread, "measured"))
         items += [Line(degrees, measured, "measured"), Line(degrees, modelled, "modelled")]
         under: list[Item] = [Rule(0.0, "y", "zero"), Line(degrees, left, "residual")]
+        rms, whole = (float(np.sqrt(np.mean((v - v.mean()) ** 2))) for v in (left, measured))
+        share = f": {100 * rms / whole:.0f} % of the AC force" if whole > 0 else ""
         panels = [
             Panel(f"F{axis}, N", items, 118, y_ranges[row], most_ticks=4),
-            Panel("difference, N", under, 46, (-reach[row], reach[row]), ticks=symmetric_ticks(reach[row])),
+            Panel(f"difference, N{share}", under, 46, (-reach[row], reach[row]), ticks=symmetric_ticks(reach[row])),
         ]
-        rms = float(np.sqrt(np.mean(residual[row] ** 2)))
         drawings.append(
             chart(
                 panels,

@@ -7,17 +7,27 @@ save. Any record may be missing: its sections are then left out. The page loads 
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import Any
 
 import jinja2
 from markupsafe import Markup, escape
 
-from millcal.data import Coefficients, CutForce, Frf, Modes, Notice, StabilityMap
-from millcal.report import figures, force_figures, stability_figure, tables
-from millcal.report.digits import fixed, nominal, plus_minus, significant
+from millcal.data import Coefficients, CutForce, Frf, Modes, StabilityMap
+from millcal.report import figures, force_figures, notices, stability_figure, tables
+from millcal.report.digits import fixed, nominal, plus_minus, rounded_down, significant
 from millcal.report.driving_points import driving_pairs
-from millcal.report.wording import Verdict, cutter_in_words, fit_verdict, operating_verdict, parameter
+from millcal.report.wording import (
+    Verdict,
+    cutter_in_words,
+    fit_level,
+    fit_verdict,
+    map_verdict,
+    operating_verdict,
+    parameter,
+    question,
+    spelt,
+)
 from millcal.units import to_shop
 
 
@@ -34,6 +44,8 @@ _TEMPLATES = jinja2.Environment(
     lstrip_blocks=True,
 )
 _TEMPLATES.filters["indices"] = _with_indices
+_TEMPLATES.filters["spelt"] = spelt
+_TEMPLATES.filters["question"] = question
 
 
 def render(results: Mapping[str, Any], summary: Mapping[str, Any], provenance: Mapping[str, Any]) -> str:
@@ -41,7 +53,7 @@ def render(results: Mapping[str, Any], summary: Mapping[str, Any], provenance: M
 
     results : any of "cuts" (sequence of CutForce), "frf" (Frf), "sensor" (Frf), "modes" (Modes), "coefficients" (Coefficients),
         "stability" (StabilityMap); a missing or None entry leaves its sections out
-    summary : what `summary.json` holds; read are `title`, `warnings` [{code, message, where}],
+    summary : what `summary.json` holds; read are `title`, `warnings` and `notes` [{code, message, where}],
         `expect` [{key, value, interval, ok}] and `recordings` [{name, path, kind, sample_rate_hz, duration_s,
         channels: [{name, quantity, unit, dof}]}], each optional
     provenance : as `io.provenance` makes it: versions, `inputs` {path: sha256}, `seed`, `recipe` (its text), each optional
@@ -52,6 +64,7 @@ def render(results: Mapping[str, Any], summary: Mapping[str, Any], provenance: M
     modes: Modes | None = results.get("modes")
     fit: Coefficients | None = results.get("coefficients")
     map_: StabilityMap | None = results.get("stability")
+    records = (*cuts, frf, sensor, modes, fit, map_)
     sections = [
         _measured(cuts, fit, summary, provenance),
         _quality(cuts, frf),
@@ -59,7 +72,7 @@ def render(results: Mapping[str, Any], summary: Mapping[str, Any], provenance: M
         _dynamometer(sensor),
         _force(fit, cuts),
         _coefficients(fit),
-        _stability(map_),
+        _stability(map_, fit),
     ]
     return _TEMPLATES.get_template("page.html.j2").render(
         title=summary.get("title") or "Calibration report",
@@ -68,7 +81,8 @@ def render(results: Mapping[str, Any], summary: Mapping[str, Any], provenance: M
         key_numbers=_key_numbers(fit, map_, frf),
         expected=tables.expected(summary),
         sections=[section for section in sections if section],
-        warnings=_warnings(summary, (*cuts, frf, sensor, modes, fit, map_)),
+        warnings=notices.grouped(summary, records, "warning"),
+        notes=notices.grouped(summary, records, "note"),
         provenance=_provenance(provenance),
         inputs=sorted((provenance.get("inputs") or {}).items()),
         recipe=provenance.get("recipe") or "",
@@ -188,10 +202,25 @@ def _force(fit: Coefficients | None, cuts: Sequence[CutForce]) -> dict | None:
     return _section(
         "force",
         "Measured against modelled force",
+        _reasons(fit, cuts),
         _figures(revolutions, "Force over one revolution", caption, "stack", key),
         _figure(force_figures.harmonics(fit)),
+        _table(tables.spectrum(fit)),
         _figure(force_figures.mean_force(fit)),
     )
+
+
+def _reasons(fit: Coefficients, cuts: Sequence[CutForce]) -> dict | None:
+    """What the checks hold against the model, and where to see it: the figures below prove or refute each."""
+    level = fit_level(fit)
+    asked = [question(check.name) for check in fit.checks if not check.passed]
+    if level not in ("bad", "part") or not asked:
+        return None
+    hidden = {"quality"} if not cuts else set()
+    hidden |= {"harmonics"} if force_figures.harmonics(fit) is None else set()
+    reasons = [replace(one, place="", look="") if one.place in hidden else one for one in asked]
+    title = "Why the model does not fit" if level == "bad" else "Why the model fits in part only"
+    return {"kind": "reasons", "title": title, "reasons": reasons}
 
 
 _METHODS = {"nls": "fitted to the force within the revolution (nls)", "average": "fitted to the mean forces (average)"}
@@ -215,12 +244,14 @@ def _coefficients(fit: Coefficients | None) -> dict | None:
     )
 
 
-def _stability(map_: StabilityMap | None) -> dict | None:
+def _stability(map_: StabilityMap | None, fit: Coefficients | None) -> dict | None:
     if map_ is None:
         return None
+    doubt = map_verdict(fit)
     return _section(
         "stability",
         "Stability",
+        {"kind": "verdict", "verdict": doubt} if doubt else None,
         _facts("", tables.map_facts(map_)),
         _figure(stability_figure.lobes(map_)),
         _table(tables.best_speeds(map_)),
@@ -242,7 +273,7 @@ def _subtitle(cuts: Sequence[CutForce], fit: Coefficients | None, frf: Frf | Non
 def _verdicts(fit: Coefficients | None, map_: StabilityMap | None, summary: Mapping[str, Any]) -> list[Verdict]:
     """The answers, most wanted first."""
     said = [fit_verdict(fit)] if fit is not None else []
-    operating = operating_verdict(map_) if map_ is not None else None
+    operating = operating_verdict(map_, fit) if map_ is not None else None
     said += [operating] if operating else []
     missed = [entry for entry in summary.get("expect") or () if not entry.get("ok")]
     if missed:
@@ -270,7 +301,7 @@ def _key_numbers(fit: Coefficients | None, map_: StabilityMap | None, frf: Frf |
             )
         for best in map_.best[:1]:
             limit, safe = best.axial_depth * 1e3, best.safe_depth
-            word = f"limit {significant(limit)} mm" if safe is None else f"safe to {significant(safe * 1e3)} mm"
+            word = f"limit {significant(limit)} mm" if safe is None else f"safe to {rounded_down(safe * 1e3, 2)} mm"
             speed = fixed(to_shop(best.spindle_speed, "spindle_speed_rpm"), 0)
             numbers.append({"name": "Best speed", "value": speed, "unit": "rpm", "word": word})
     if frf is not None and not numbers:
@@ -280,19 +311,6 @@ def _key_numbers(fit: Coefficients | None, map_: StabilityMap | None, frf: Frf |
             used = sum(hit.accepted for hit in frf.hits)
             numbers.append({"name": "Hits used", "value": f"{used} of {len(frf.hits)}", "unit": "", "word": ""})
     return numbers
-
-
-def _warnings(summary: Mapping[str, Any], records: Sequence[Any]) -> list[Notice]:
-    """Every notice once: those of the summary, then those of the records."""
-    told = [
-        Notice(str(w.get("code", "")), str(w.get("message", "")), str(w.get("where", "")))
-        for w in summary.get("warnings") or ()
-    ]
-    told += [notice for record in records if record is not None for notice in record.notices]
-    read = [str(entry.get(key)) for entry in summary.get("recordings") or () for key in ("name", "path")]
-    read += [record.name for record in records if isinstance(record, CutForce)]
-    short = {name: PurePath(name).name for name in read}
-    return list(dict.fromkeys(replace(notice, where=short.get(notice.where, notice.where)) for notice in told))
 
 
 def _provenance(provenance: Mapping[str, Any]) -> list[tuple[str, str]]:

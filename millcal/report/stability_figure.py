@@ -59,7 +59,8 @@ def lobes(map_: StabilityMap) -> Figure:
         items.append(Rule(smallest, "y", "limit"))
     if map_.best:
         speeds = np.array([to_shop(best.spindle_speed, "spindle_speed_rpm") for best in map_.best])
-        depths = np.array([best.axial_depth * 1e3 for best in map_.best])
+        safe = [best.axial_depth if best.safe_depth is None else best.safe_depth for best in map_.best]
+        depths = np.array(safe) * 1e3
         items.append(Marks(speeds, depths, "best", "diamond", [str(i + 1) for i in range(len(speeds))], size=4.5))
     if map_.operating_point:
         speed = to_shop(map_.operating_point[0], "spindle_speed_rpm")
@@ -92,7 +93,8 @@ def lobes(map_: StabilityMap) -> Figure:
     if np.isfinite(map_.absolute_minimum):
         key.append(("line limit", f"stable at every speed below {significant(map_.absolute_minimum * 1e3)} mm"))
     if map_.best:
-        key.append(("marks diamond best", "best speeds, numbered as in the table"))
+        at_safe = ", at the safe depth" if all(best.safe_depth is not None for best in map_.best) else ""
+        key.append(("marks diamond best", "best speeds, numbered as in the table" + at_safe))
     if map_.operating_point:
         key.append(("marks cross operating", "operating point"))
     caption = "Between two lobes the cut takes most; a speed a little off the pocket loses it, so aim at its middle."

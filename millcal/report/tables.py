@@ -5,9 +5,11 @@ from dataclasses import dataclass
 from math import inf
 from typing import Any
 
+import numpy as np
+
 from millcal.data import AXES, Coefficients, CutForce, Frf, Modes, StabilityMap
-from millcal.report.digits import UNKNOWN, decimals_for, fixed, nominal, significant, with_interval
-from millcal.report.wording import channels_in_words, parameter, percent, short_names
+from millcal.report.digits import UNKNOWN, decimals_for, fixed, nominal, rounded_down, significant, with_interval
+from millcal.report.wording import channels_in_words, cut_names, parameter, percent, short_names
 from millcal.units import to_shop
 
 MOST_PEAKS = 12  # lines of the spectrum that are listed
@@ -37,7 +39,7 @@ def conditions(cuts: Sequence[CutForce], fit: Coefficients | None) -> Table | No
         named = [(name, c, fit.cutter.teeth) for name, c in zip(fit.cuts, fit.conditions, strict=True)]
     else:
         return None
-    short = short_names(name for name, _, _ in named)
+    short = cut_names(name for name, _, _ in named)
     rows = [
         [
             short[name],
@@ -84,7 +86,7 @@ def recordings(summary: Mapping[str, Any], provenance: Mapping[str, Any]) -> Tab
 
 def synchronous(cuts: Sequence[CutForce]) -> Table:
     """How well each cut follows the spindle."""
-    short = short_names(cut.name for cut in cuts)
+    short = cut_names(cut.name for cut in cuts)
     rows = []
     for cut in cuts:
         decimals = decimals_for(60 * cut.spindle_frequency_sd, 60 * cut.spindle_frequency)
@@ -111,7 +113,7 @@ def synchronous(cuts: Sequence[CutForce]) -> Table:
 
 def removed(cuts: Sequence[CutForce]) -> Table:
     """What conditioning took away from each cut."""
-    short = short_names(cut.name for cut in cuts)
+    short = cut_names(cut.name for cut in cuts)
     rows = [
         [
             short[cut.name],
@@ -136,7 +138,7 @@ def removed(cuts: Sequence[CutForce]) -> Table:
 
 def peaks(cuts: Sequence[CutForce]) -> Table | None:
     """Lines of the spectrum that are no harmonics of the spindle."""
-    short = short_names(cut.name for cut in cuts)
+    short = cut_names(cut.name for cut in cuts)
     found = [peak.exceeds for cut in cuts for peak in cut.peaks]
     least = sorted(found, reverse=True)[:MOST_PEAKS][-1] if found else 0.0
     rows = [
@@ -239,11 +241,39 @@ def agreement(fit: Coefficients) -> Table:
     return Table("How close the model comes", ("", *(f"F{axis}" for axis in AXES)), rows)
 
 
+def spectrum(fit: Coefficients) -> Table | None:
+    """Where in the spectrum the alternating force sits, measured and modelled, in per cent of the measured AC power."""
+    measured, modelled = (v[:, :, 1:] ** 2 for v in (fit.measured_amplitude, fit.modelled_amplitude))
+    order = np.arange(1, measured.shape[2] + 1)
+    teeth = fit.cutter.teeth
+    kinds = (
+        (f"tooth passing, harmonic {teeth}", order == teeth),
+        ("multiples of it", (order % teeth == 0) & (order > teeth)),
+        ("all others: runout, unequal teeth", order % teeth != 0),
+    )
+    whole = np.maximum(measured.sum(axis=(0, 2)), 1e-300)  # (axis,) over all cuts
+    rows = []
+    for words, kind in kinds:
+        if kind.any():
+            shares = (100 * v[:, :, kind].sum(axis=(0, 2)) / whole for v in (measured, modelled))
+            rows.append([words, *(fixed(float(v), 1) for pair in zip(*shares, strict=True) for v in pair)])
+    return (
+        Table(
+            "Where the alternating force sits",
+            ("", *("measured", "modelled") * 3),
+            rows,
+            groups=(("", 1), *((f"F{axis}, % of the measured AC power", 2) for axis in AXES)),
+        )
+        if rows
+        else None
+    )
+
+
 def left_out(fit: Coefficients) -> Table | None:
     """Each cut predicted from the others."""
     if fit.left_out_by_cut is None:
         return None
-    short = short_names(fit.cuts)
+    short = cut_names(fit.cuts)
     rows = [
         [short[name], nominal(float(feed) * 1e3), *(fixed(float(v), 3) for v in ratios)]
         for name, feed, ratios in zip(fit.cuts, fit.feed_per_tooth, fit.left_out_by_cut, strict=True)
@@ -254,23 +284,35 @@ def left_out(fit: Coefficients) -> Table | None:
 
 
 def best_speeds(map_: StabilityMap) -> Table | None:
-    """The speeds worth running, best first."""
-    rows = [
-        [
-            str(number),
-            fixed(_rpm(best.spindle_speed), 0),
-            fixed(best.axial_depth * 1e3, 2),
-            significant(to_shop(best.removal_rate, "removal_rate_cm3_per_min")),
-            percent(best.p_stable),
-            fixed(None if best.safe_depth is None else best.safe_depth * 1e3, 2),
-        ]
-        for number, best in enumerate(map_.best, 1)
-    ]
-    headings = ("", "speed, rpm", "limit a_p, mm", "removal rate, cm³/min", "p stable", "safe a_p, mm")
-    note = "Removal rate and probability are those at the limit. Safe: stable with 97.5 %, as far as coefficients and FRF go."
-    if all(best.p_stable is None for best in map_.best):
-        note = "No band is known, so neither a probability nor a safe depth."
+    """The speeds worth running, best first: what to cut there, what that removes, and the limit above it."""
+    banded = any(best.safe_depth is not None for best in map_.best)
+    rows = []
+    for number, best in enumerate(map_.best, 1):
+        limit = fixed(best.axial_depth * 1e3, 2)
+        row = [str(number), fixed(_rpm(best.spindle_speed), 0)]
+        if not banded:
+            rows.append([*row, limit, _removal(best.removal_rate)])
+        elif best.safe_depth is None:
+            rows.append([*row, UNKNOWN, UNKNOWN, limit])
+        else:
+            share = best.safe_depth / best.axial_depth
+            rows.append([*row, rounded_down(best.safe_depth * 1e3, 2), _removal(share * best.removal_rate), limit])
+    if banded:
+        headings = ("", "speed, rpm", "safe a_p, mm", "removal rate, cm³/min", "limit a_p, mm")
+        note = (
+            "Safe: stable with 97.5 %, as far as coefficients and FRF go; the removal rate is that of the safe depth. At "
+            "the limit itself the cut is as likely to chatter as not."
+        )
+    else:
+        headings = ("", "speed, rpm", "limit a_p, mm", "removal rate, cm³/min")
+        note = (
+            "No band is known, so no safe depth: the removal rate is that at the limit, and a cut has to stay below it."
+        )
     return Table("Best speeds", headings, rows, note=note) if rows else None
+
+
+def _removal(rate: float) -> str:
+    return significant(to_shop(rate, "removal_rate_cm3_per_min"))
 
 
 def map_facts(map_: StabilityMap) -> list[tuple[str, str]]:

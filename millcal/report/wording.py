@@ -1,6 +1,7 @@
-"""What the report calls things: parameters with their units, conditions of a cut, and verdicts in plain words."""
+"""What the report calls things: parameters with their units, cuts and their conditions, and verdicts in plain words."""
 
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from math import degrees
 from pathlib import PurePath
@@ -94,24 +95,43 @@ def _said(level: str, head: str, text: str) -> Verdict:
     return Verdict(level, _SIGNS[level], head, text)
 
 
+def fit_level(fit: Coefficients) -> str:
+    """good, part or bad as the verdict of the fit begins; none where it says something else."""
+    beginnings = {"does not fit": "bad", "fits in part": "part", "fits": "good"}
+    return next((level for begins, level in beginnings.items() if fit.verdict.strip().startswith(begins)), "none")
+
+
 def fit_verdict(fit: Coefficients) -> Verdict:
     """What the verdict of the fit means for the one who wants to use the coefficients."""
-    word, _, why = (part.strip() for part in fit.verdict.partition(":"))
-    n = len(fit.cuts)
-    cuts = f"{n} cut" if n == 1 else f"{n} cuts"
-    if word.startswith("does not fit"):
-        text = why or "; ".join(check.message for check in fit.checks if not check.passed)
-        head = f"The force model does not fit the {cuts}"
-        return _said("bad", head, _sentence(text) + " Do not use the coefficients as material constants.")
-    if word.startswith("fits in part"):
-        head = f"The force model fits the {cuts} in part"
-        return _said("part", head, _sentence(why) + " Take the coefficients as provisional.")
-    if word.startswith("fits"):
-        return _said("good", f"The force model fits the {cuts}", _sentence(why))
-    return _said("none", _sentence(fit.verdict).rstrip("."), "")
+    level, why = fit_level(fit), fit.verdict.partition(":")[2]
+    cuts = "the 1 cut" if len(fit.cuts) == 1 else f"the {len(fit.cuts)} cuts"
+    if level == "bad":
+        text = why.strip() or "; ".join(check.message for check in fit.checks if not check.passed)
+        warning = "Do not use the coefficients as material constants."
+        return _said(level, f"The force model does not fit {cuts}", f"{_sentence(text)} {warning}".strip())
+    if level == "part":
+        text = f"{_sentence(why)} Take the coefficients as provisional.".strip()
+        return _said(level, f"The force model fits {cuts} in part", text)
+    if level == "good":
+        return _said(level, f"The force model fits {cuts}", _sentence(why))
+    return _said(level, _sentence(fit.verdict).rstrip("."), "")
 
 
-def operating_verdict(map_: StabilityMap) -> Verdict | None:
+_DOUBTS = {
+    "bad": "The map rests on coefficients that do not fit",
+    "part": "The map rests on coefficients that are provisional",
+}
+
+
+def map_verdict(fit: Coefficients | None) -> Verdict | None:
+    """What the map is worth where its coefficients are in doubt; None where they are not."""
+    level = fit_level(fit) if fit is not None else "good"
+    if level not in _DOUBTS:
+        return None
+    return _said(level, _DOUBTS[level], "Its band and its probabilities know nothing of that.")
+
+
+def operating_verdict(map_: StabilityMap, fit: Coefficients | None = None) -> Verdict | None:
     """Whether the cut that the recipe names is stable; None where it names none or the map does not reach there."""
     if map_.operating_point is None:
         return None
@@ -134,6 +154,10 @@ def operating_verdict(map_: StabilityMap) -> Verdict | None:
         said.append("No band is known.")
         level = "good" if depth < limit else "bad"
     head = {"good": "Stable", "part": "Stable or not: too close to tell", "bad": "Chatter"}[level]
+    doubt = map_verdict(fit)
+    if doubt is not None:
+        said.append(f"{doubt.head}.")
+        level = "part" if level == "good" else level
     return _said(level, f"{head} at {place}", " ".join(said))
 
 
@@ -146,6 +170,115 @@ def short_names(names: Iterable[str]) -> dict[str, str]:
     full = list(dict.fromkeys(names))
     last = [PurePath(name).name or name for name in full]
     return {name: short if last.count(short) == 1 else name for name, short in zip(full, last, strict=True)}
+
+
+def cut_names(names: Iterable[str]) -> dict[str, str]:
+    """What a cut is called: its file without folder and ending, as long as no two cuts share that.
+
+    A name that has lost its ending before stays as it is, whatever points are in it.
+
+    >>> cut_names(["cuts/f0.05.csv", "f0.1"]), cut_names(["a.csv", "a.h5"])
+    ({'cuts/f0.05.csv': 'f0.05', 'f0.1': 'f0.1'}, {'a.csv': 'a.csv', 'a.h5': 'a.h5'})
+    """
+    short = short_names(names)
+    bare = {name: re.sub(r"(?<=.)\.[A-Za-z]\w*$", "", PurePath(name).name) or name for name in short}
+    taken = list(bare.values())
+    return {name: bare[name] if taken.count(bare[name]) == 1 else short[name] for name in short}
+
+
+_SPELT: tuple[
+    tuple[re.Pattern[str], Callable[[re.Match[str]], str]], ...
+] = (  # how messages spell it, and what is shown
+    (re.compile(r"(?<=\d )um\b(?![-.]\w)"), lambda _: "µm"),
+    (re.compile(r"(?<![\w.-])((?:N/)?mm|cm|m/s)\^?([23])\b(?![-.]\w)"), lambda unit: unit[1] + "²³"[int(unit[2]) - 2]),
+    (re.compile(r"\bR2(?= of\b)"), lambda _: "R²"),
+    (re.compile(r"(?<=\d)%(?!\w)"), lambda _: " %"),
+)
+
+
+def spelt(text: str) -> str:
+    """A message with its units as a page can show them; names of files and keys stay.
+
+    >>> spelt("4.5 um, 820 N/mm2, 10.4% in z"), spelt("cut-um.csv: coefficients.Ktc_N_per_mm2")
+    ('4.5 µm, 820 N/mm², 10.4 % in z', 'cut-um.csv: coefficients.Ktc_N_per_mm2')
+    """
+    for pattern, shown in _SPELT:
+        text = pattern.sub(shown, text)
+    return text
+
+
+@dataclass(frozen=True)
+class Question:
+    """What a check asks: what holds where it passes and where it fails, and where in the report to see a failure."""
+
+    passed: str
+    failed: str
+    place: str = ""  # id of a figure or a section
+    look: str = ""
+
+
+QUESTIONS = {
+    "axis-map": Question("Signs and sizes agree with the axis map", "Signs or sizes speak against the axis map"),
+    "untested": Question("Enough cuts to test the model", "Too few cuts to test the model"),
+    "asynchronous": Question(
+        "The force follows the spindle",
+        "Some force does not follow the spindle",
+        "quality",
+        "the rest that no harmonic of the spindle explains: chatter or drift",
+    ),
+    "contact-loss": Question(
+        "The teeth stay in contact",
+        "Teeth lose contact by runout",
+        "harmonics",
+        "harmonic 1 and the others between the tooth passings are runout",
+    ),
+    "above-tooth-passing": Question(
+        "Harmonics above the tooth passing are as predicted",
+        "Harmonics above the tooth passing exceed the prediction",
+        "harmonics",
+        "measured dots above the rings of the model",
+    ),
+    "resonance": Question(
+        "A resonance explains the excess",
+        "A resonance does not explain the excess",
+        "harmonics",
+        "a resonance would lift the harmonics near one frequency only",
+    ),
+    "left-out": Question(
+        "Cuts left out are predicted",
+        "Cuts left out are not predicted",
+        "coefficients",
+        "each cut predicted from the others",
+    ),
+    "mean-force": Question(
+        "Mean forces lie on a line",
+        "Mean forces do not lie on a line",
+        "mean-force",
+        "measured dots that bend away from the line of the model",
+    ),
+    "line": Question(
+        "R² of the mean forces is above 0.9",
+        "R² of the mean forces is below 0.9",
+        "mean-force",
+        "the differences, and how large they are beside the force",
+    ),
+    "offset": Question(
+        "Alternating and mean forces agree",
+        "Alternating and mean forces contradict each other",
+        "mean-force",
+        "differences of one sign in all cuts are an offset",
+    ),
+    "models": Question(
+        "The models agree on Ktc", "Ktc depends on the model", "coefficients", "what other models say of the same cuts"
+    ),
+}
+
+
+def question(name: str) -> Question:
+    """What the check of this name asks; a name that is not known stands for itself."""
+    words = name.replace("-", " ")
+    words = words[:1].upper() + words[1:]
+    return QUESTIONS.get(name) or Question(words, words)
 
 
 def channels_in_words(channels: Iterable[Mapping[str, Any]]) -> str:
@@ -172,5 +305,8 @@ def percent(share: float | None) -> str:
 
 
 def _sentence(text: str) -> str:
+    """With a capital, unless it begins with a symbol, and a full stop."""
     text = text.strip()
+    if re.match(r"[a-z]{2,}(?=[ ,])", text):
+        text = text[0].upper() + text[1:]
     return text if not text or text[-1] in ".!?" else text + "."

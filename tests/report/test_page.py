@@ -7,8 +7,11 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from millcal.report.digits import fixed, significant
+from millcal.data import Check, Notice
+from millcal.report.digits import fixed, rounded_down, significant
 from millcal.report.page import render
+from millcal.report.tables import spectrum
+from millcal.report.wording import question
 
 VOID = {"meta", "link", "br", "img", "input", "hr"}
 
@@ -137,7 +140,7 @@ def test_the_numbers_of_the_records_are_all_there(page, results, provenance):
         assert fixed(100 * float(cut.synchronous_share[2]), 2) in page.seen
     for best in map_.best:
         assert fixed(best.spindle_speed * 60 / (2 * np.pi), 0) in page.seen
-        assert fixed(best.safe_depth * 1e3, 2) in page.seen
+        assert rounded_down(best.safe_depth * 1e3, 2) in page.seen
     assert significant(map_.absolute_minimum * 1e3) in page.seen
     for digest in provenance["inputs"].values():
         assert digest in page.seen
@@ -149,6 +152,111 @@ def test_every_warning_is_told_once(page, results, summary):
     messages += [warning["message"] for warning in summary["warnings"]]
     for message in messages:
         assert page.seen.count(message) == 1
+
+
+def test_warnings_and_notes_stand_apart_and_only_warnings_are_counted():
+    told = {"code": "offset-removed", "message": "removed an offset of 4.5 N", "where": "a.csv"}
+    page = Page(render({}, {"warnings": [{**told, "message": "the rows are fewer"}], "notes": [told]}, {}))
+    assert "1 warning" in page.seen
+    assert page.ids.index("warnings") < page.ids.index("notes")
+    order = [page.seen.index(text) for text in ("Warnings !", "the rows are fewer", "Notes removed")]
+    assert order == sorted(order)
+    assert page.seen.count("removed an offset") == 1
+
+
+def test_notes_alone_are_no_warnings(results):
+    quiet = dataclasses.replace(results["cuts"][0], notices=(Notice("filter", "no low-pass", "", "note"),))
+    page = Page(render({"cuts": [quiet]}, {}, {}))
+    assert "notes" in page.ids
+    assert "arning" not in page.seen
+
+
+def test_a_message_of_several_places_stands_once_with_its_places(cuts):
+    notice = Notice("rows-against-header", "the rows are taken")
+    told = [dataclasses.replace(cut, notices=(dataclasses.replace(notice, where=cut.name),)) for cut in cuts]
+    again = {"code": notice.code, "message": notice.message, "where": cuts[0].name}
+    page = Page(render({"cuts": told}, {"warnings": [again]}, {}))
+    assert page.seen.count("the rows are taken") == 1
+    assert "f300, f600, f900, f1200, f1500 · rows-against-header" in page.seen
+    assert "1 warning" in page.seen
+
+
+def test_a_cut_has_one_name_everywhere(results):
+    bare = tuple(cut.name.removeprefix("cuts/").removesuffix(".txt") for cut in results["cuts"])
+    fit = dataclasses.replace(results["coefficients"], cuts=bare)
+    page = Page(render({"cuts": results["cuts"], "coefficients": fit}, {}, {}))
+    assert all(page.seen.count(name) > 4 for name in bare)
+    assert ".txt" not in page.seen
+
+
+def test_the_best_speeds_say_the_safe_depth_and_what_it_removes(page, stability):
+    best = stability.best[0]
+    removal = significant(best.removal_rate * best.safe_depth / best.axial_depth * 6e7)  # cm^3/min
+    assert "speed, rpm safe a p , mm removal rate, cm³/min limit a p , mm" in page.seen
+    assert "p stable" not in page.seen
+    assert removal in page.seen
+
+
+def test_without_a_band_the_best_speeds_say_the_limit_and_that_it_is_no_safe_depth(stability):
+    bare = tuple(dataclasses.replace(best, safe_depth=None, p_stable=None) for best in stability.best)
+    page = Page(render({"stability": dataclasses.replace(stability, best=bare)}, {}, {}))
+    assert "speed, rpm limit a p , mm removal rate, cm³/min" in page.seen
+    assert "No band is known" in page.seen
+    assert "safe a" not in page.seen
+
+
+@pytest.mark.parametrize(
+    ("verdict", "doubt"),
+    [("does not fit: chatter", "that do not fit"), ("fits in part: x", "that are provisional"), ("fits", None)],
+)
+def test_a_map_of_doubtful_coefficients_says_so_at_its_own_place_and_is_never_green(verdict, doubt, results):
+    fit = dataclasses.replace(results["coefficients"], verdict=verdict)
+    stable = dataclasses.replace(results["stability"], operating_p_stable=1.0)
+    html = render({"coefficients": fit, "stability": stable}, {}, {})
+    section = Page(html[html.index('<section id="stability">') :].partition("</section>")[0] + "</section>")
+    assert ("The map rests on coefficients" in section.seen) == (doubt is not None)
+    assert doubt is None or doubt in section.seen
+    assert ("✓ Stable at 6000 rpm" in Page(html).seen) == (doubt is None)
+
+
+def test_units_of_messages_are_set_as_in_print_and_stored_text_stays(coefficients):
+    check = Check("offset", False, "teeth differ by 4.5 um; Ktc 820 N/mm2, 3.4% in y, cut_um.csv")
+    page = Page(render({"coefficients": dataclasses.replace(coefficients, checks=(check,))}, {}, {}))
+    assert "teeth differ by 4.5 µm; Ktc 820 N/mm², 3.4 % in y, cut_um.csv" in page.seen
+    assert "4.5 um" in check.message
+
+
+def test_what_does_not_fit_is_said_over_the_figures_that_show_it(coefficients):
+    checks = (Check("contact-loss", False, "bad"), Check("offset", True, "good"), Check("untested", False, "two cuts"))
+    html = render({"coefficients": dataclasses.replace(coefficients, checks=checks)}, {}, {})
+    page = Page(html)
+    assert "Why the model does not fit ✕ Teeth lose contact by runout : see harmonic 1" in page.seen
+    assert "✕ Too few cuts to test the model ." in page.seen
+    assert 'href="#harmonics"' in html
+    assert "Alternating and mean forces agree passed · offset" in page.seen
+    fits = dataclasses.replace(coefficients, verdict="fits")
+    assert "Why the model" not in Page(render({"coefficients": fits}, {}, {})).seen
+
+
+def test_shares_of_the_measured_alternating_force_add_up_to_the_whole(coefficients):
+    rows = np.array([[float(cell) for cell in row[1:]] for row in spectrum(coefficients).rows])
+    assert rows[:, ::2].sum(axis=0) == pytest.approx(100, abs=0.16)
+    assert np.all(rows[2, 1::2] < rows[2, ::2])  # a model without what noise adds between the tooth passings
+
+
+@pytest.mark.parametrize("name", ["axis-map", "untested", "resonance", "offset", "line", "models", "left-out"])
+def test_a_known_check_is_a_statement_either_way(name):
+    asked = question(name)
+    assert asked.passed != asked.failed
+    assert question("some-new-check").passed == "Some new check"
+
+
+def test_on_paper_facts_and_short_tables_stay_whole(html, page):
+    paper = re.search(r"@media print \{(.*)\n\}", html, re.DOTALL)[1]
+    whole = re.search(r"([^}]*)\{ break-inside: avoid; \}", paper)[1]
+    assert {".short", ".whole", ".facts", ".verdict"} <= set(re.findall(r"\.\w+", whole))
+    for title in ("What was removed before the fit", "Best speeds"):
+        assert re.search(rf'<div class="tabular short">\s*<h3>{title}', html)
 
 
 def test_the_csv_under_a_chart_begins_with_names_and_units(html):
@@ -253,7 +361,7 @@ def test_of_many_cuts_a_spread_is_drawn_and_all_are_listed(results):
     page = Page(html)
     assert len(page.figures) == 12
     assert "12 of 40 cuts are drawn" in page.seen
-    assert all(cut.name in page.seen for cut in cuts)
+    assert all(cut.name.removesuffix(".txt") in page.seen for cut in cuts)
     assert len(html.encode()) < 3_000_000
 
 

@@ -10,7 +10,7 @@ from millcal.report.charts import span_of
 from millcal.report.digits import fixed
 from millcal.report.force_figures import conditioned_cuts, series_of_feed
 from millcal.report.paper import sheet
-from millcal.report.wording import conditions_in_words, short_names
+from millcal.report.wording import conditions_in_words, cut_names
 
 TOGETHER = 6  # cuts on one sheet
 _TURN = (0.0, 90.0, 180.0, 270.0, 360.0)  # deg
@@ -65,7 +65,7 @@ def _grid(fit: Coefficients, scatter: np.ndarray, numbers: Sequence[int]) -> Any
 def _titles(fit: Coefficients) -> list[str]:
     """The conditions of each cut, and its name where two cuts have the same."""
     words = [conditions_in_words(conditions) for conditions in fit.conditions]
-    names = short_names(fit.cuts)
+    names = cut_names(fit.cuts)
     alike = {text for text in words if words.count(text) > 1}
     pairs = zip(words, fit.cuts, strict=True)
     return [sheet.plain(f"{text}: {names[cut]}" if text in alike else text) for text, cut in pairs]
