@@ -216,8 +216,8 @@ def _reasons(fit: Coefficients, cuts: Sequence[CutForce]) -> dict | None:
     asked = [question(check.name) for check in fit.checks if not check.passed]
     if level not in ("bad", "part") or not asked:
         return None
-    hidden = {"quality"} if not cuts else set()
-    hidden |= {"harmonics"} if force_figures.harmonics(fit) is None else set()
+    drawn = {"quality": cuts, "harmonics": force_figures.harmonics(fit), "intervals": force_figures.intervals(fit)}
+    hidden = {name for name, there in drawn.items() if not there}
     reasons = [replace(one, place="", look="") if one.place in hidden else one for one in asked]
     title = "Why the model does not fit" if level == "bad" else "Why the model fits in part only"
     return {"kind": "reasons", "title": title, "reasons": reasons}

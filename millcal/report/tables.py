@@ -344,10 +344,16 @@ def expected(summary: Mapping[str, Any]) -> Table | None:
         rows.append(
             [
                 str(entry.get("key", "")),
-                nominal(value) if number else str(value) if value is not None else UNKNOWN,
+                nominal(value) if number else _beginning(str(value)) if value is not None else UNKNOWN,
                 wanted,
                 "✓ yes" if entry.get("ok") else "✕ no",
             ]
         )
     headings = ("key", "value", "expected", "met")
     return Table("What the recipe expects", headings, rows, words=(0, 3)) if rows else None
+
+
+def _beginning(text: str, most: int = 32) -> str:
+    """A text as far as its first colon, where it is long: a verdict without its reasons, which stand at the top."""
+    head = text.partition(":")[0]
+    return text if len(text) <= most else f"{head if len(head) <= most else text[:most].rstrip()} …"

@@ -230,7 +230,7 @@ QUESTIONS = {
         "The teeth stay in contact",
         "Teeth lose contact by runout",
         "harmonics",
-        "harmonic 1 and the others between the tooth passings are runout",
+        "harmonic 1 and the others between the tooth passings, which are runout",
     ),
     "above-tooth-passing": Question(
         "Harmonics above the tooth passing are as predicted",
@@ -242,7 +242,7 @@ QUESTIONS = {
         "A resonance explains the excess",
         "A resonance does not explain the excess",
         "harmonics",
-        "a resonance would lift the harmonics near one frequency only",
+        "whether the excess sits near one frequency, as that of a resonance would",
     ),
     "left-out": Question(
         "Cuts left out are predicted",
@@ -265,8 +265,8 @@ QUESTIONS = {
     "offset": Question(
         "Alternating and mean forces agree",
         "Alternating and mean forces contradict each other",
-        "mean-force",
-        "differences of one sign in all cuts are an offset",
+        "intervals",
+        "what the alternating force alone and the mean forces say of each coefficient",
     ),
     "models": Question(
         "The models agree on Ktc", "Ktc depends on the model", "coefficients", "what other models say of the same cuts"

@@ -11,7 +11,7 @@ from millcal.data import Check, Notice
 from millcal.report.digits import fixed, rounded_down, significant
 from millcal.report.page import render
 from millcal.report.tables import spectrum
-from millcal.report.wording import question
+from millcal.report.wording import QUESTIONS, question
 
 VOID = {"meta", "link", "br", "img", "input", "hr"}
 
@@ -367,6 +367,22 @@ def test_of_many_cuts_a_spread_is_drawn_and_all_are_listed(results):
 
 def test_an_expectation_may_be_the_beginning_of_a_text(page):
     assert "does not fit does not fit ✓ yes" in page.seen
+
+
+def test_of_a_long_verdict_the_expectations_show_the_beginning():
+    entry = {"key": "verdict", "value": "does not fit: " + "chatter; " * 20, "interval": "does not fit", "ok": True}
+    page = Page(render({}, {"expect": [entry]}, {}))
+    assert "verdict does not fit … does not fit ✓ yes" in page.seen
+    assert "chatter" not in page.seen
+
+
+def test_every_place_that_a_check_sends_to_is_there(results):
+    checks = tuple(Check(name, False, "no") for name in QUESTIONS)
+    fit = dataclasses.replace(results["coefficients"], checks=checks)
+    for given in ({**results, "coefficients": fit}, {"coefficients": fit}):
+        page = Page(render(given, {}, {}))
+        assert {link[1:] for link in page.links if link.startswith("#")} <= set(page.ids)
+        assert all(page.seen.count(asked.failed) >= 2 for asked in QUESTIONS.values())
 
 
 def test_colours_change_with_the_scheme_and_paper_is_light(html):
