@@ -28,6 +28,7 @@ from millcal.stages.coefficients.harmonic_model import (
 
 GUESS = np.array([800e6, 300e6, 150e6, 20e3, 20e3, 5e3])  # aluminium; only a start where the mean forces give none
 STARTS_REFINED = 3
+ROUGH = 1e-4  # tolerance while starts compete; only the winner is searched to the end
 NO_FORCE = 0.03  # of the loudest axis, below which an axis has nothing to predict
 
 
@@ -109,8 +110,8 @@ def search(model: HarmonicModel) -> tuple[HarmonicFit, tuple[HarmonicFit, ...]]:
             trial = replace(trial, linear=q, cost=float(np.sum((ask.data - matrix @ q) ** 2)))
         rough.append(trial)
     rough.sort(key=lambda fit: fit.cost)
-    fits = sorted((refine(fit) for fit in rough[:STARTS_REFINED]), key=lambda fit: fit.cost)
-    return fits[0], tuple(fits[1:])
+    fits = sorted((refine(fit, ROUGH) for fit in rough[:STARTS_REFINED]), key=lambda fit: fit.cost)
+    return refine(fits[0]), tuple(fits[1:])
 
 
 def ratio(cuts: Sequence[CutForce], modelled: Sequence[np.ndarray], band: int) -> tuple[np.ndarray, np.ndarray]:
@@ -141,13 +142,13 @@ def predict(fit: HarmonicFit, cut: CutForce, band: int) -> np.ndarray:
 
 def search_near(model: HarmonicModel, near: HarmonicFit) -> HarmonicFit:
     """The best fit about the answer to a similar question: from there, and from half and twice its runout."""
-    fits = [refine(replace(near, model=model))]
+    fits = [refine(replace(near, model=model), ROUGH)]
     for factor in (0.5, 2.0) if model.runout_names else ():
         shape = near.shape.copy()
         shape[: len(model.runout_names)] *= factor
         trial = replace(near, model=model, shape=shape)
-        fits.append(refine(replace(trial, phase=scan_phases(trial))))
-    return min(fits, key=lambda fit: fit.cost)
+        fits.append(refine(replace(trial, phase=scan_phases(trial)), ROUGH))
+    return refine(min(fits, key=lambda fit: fit.cost))
 
 
 def study(model: HarmonicModel, best: HarmonicFit | None = None) -> HarmonicStudy:

@@ -268,8 +268,11 @@ def _unknowns(fit: HarmonicFit) -> np.ndarray:
     return np.concatenate([fit.shape, fit.sensor, fit.phase[:1] if fit.model.common_phase else fit.phase])
 
 
-def refine(start: HarmonicFit) -> HarmonicFit:
-    """Search all unknowns from a start: linear ones projected out, the others by trust-region Gauss-Newton."""
+def refine(start: HarmonicFit, tolerance: float = 1e-8) -> HarmonicFit:
+    """Search all unknowns from a start: linear ones projected out, the others by trust-region Gauss-Newton.
+
+    tolerance : relative change of the cost at which the search ends
+    """
     model = start.model
     ask = problem(model)
     found = separable_least_squares(
@@ -283,6 +286,7 @@ def refine(start: HarmonicFit) -> HarmonicFit:
         pull_to=np.ones(len(ask.pull)),
         pull=ask.pull,
         held=model.held,
+        tolerance=tolerance,
     )
     shape, sensor, phase = np.split(found.nonlinear, np.cumsum([len(start.shape), len(start.sensor)]))
     return HarmonicFit(
@@ -307,17 +311,19 @@ def noise_covariance(fit: HarmonicFit) -> np.ndarray:
     return ((inverse * noise) @ inverse.T)[:n, :n]
 
 
-def seen_coefficients(fit: HarmonicFit) -> np.ndarray:
-    """Which linear coefficients the rows of the fit determine by themselves.   returns bool (q,)"""
+def seen_coefficients(fit: HarmonicFit, size: np.ndarray) -> np.ndarray:
+    """Which linear coefficients the rows of the fit determine, runout and phase being unknown as well.
+
+    Seen is what the noise within the records leaves uncertain by less than a quarter of its size.
+    size : of each coefficient, SI, (q,)   returns bool (q,)
+    """
     ask = problem(fit.model)
-    matrix = ask.matrix(_unknowns(fit))
-    scale = np.linalg.norm(matrix, axis=0)
-    carries = scale * np.maximum(np.abs(fit.linear), 1e-3 * np.abs(fit.linear).max()) > 1e-6 * np.linalg.norm(ask.data)
-    _, values, vectors = np.linalg.svd(matrix[:, carries] / scale[carries], full_matrices=False)
-    hidden = vectors[values < 1e-4 * values[0]]
-    seen = carries.copy()
-    seen[carries] = np.sqrt(np.sum(hidden**2, axis=0)) < 0.1
-    return seen
+    p = _unknowns(fit)
+    slope = np.concatenate([ask.matrix(p) * size, ask.derivative(p, fit.linear) * ask.scale], axis=1)
+    noise = np.sqrt(np.maximum(ask.noise, (1e-9 * np.abs(ask.data).max()) ** 2))
+    _, values, vectors = np.linalg.svd(slope / noise[:, np.newaxis], full_matrices=False)
+    spread = np.sqrt(np.sum((vectors / np.maximum(values, 1e-300)[:, np.newaxis]) ** 2, axis=0))
+    return spread[: len(size)] < 0.25
 
 
 def condition(fit: HarmonicFit) -> tuple[float, np.ndarray]:

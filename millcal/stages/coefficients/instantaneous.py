@@ -151,19 +151,22 @@ def _other_models(found: HarmonicStudy, saved: int, sensor: Frf | None) -> tuple
     forces = average.mean_forces(cuts, "whole-revolutions")
     plain, teeth = average.solve_means(cuts, forces, 0.0), cuts[0].cutter.teeth
     means, loss = average.search_contact_loss(cuts, forces) if teeth > 1 else (plain, average.NO_CONTACT_LOSS)
-    alternating = replace(model, mean_weight=0.0)
-    ac_only = study(alternating, search_near(alternating, best))
-    of_sensor = None if sensor is None else np.sqrt(np.diag(sensor_covariance(ac_only.best, sensor))[[0, 3]])
-    seen = seen_coefficients(ac_only.best)
-    of_ac = dict(zip(names, parameters(ac_only.best), strict=True))
-    of_ac = {
-        name: value for name, value in of_ac.items() if name not in average.NAMES or seen[average.NAMES.index(name)]
-    }
     ktc = {"this fit": float(best.linear[0]), "mean forces": float((means if loss.explains else plain).coefficients[0])}
-    alternatives = [
-        alternative("alternating force alone", of_ac),
-        alternative("mean forces", dict(zip(average.NAMES, plain.coefficients, strict=True))),
-    ]
+    checks = [verdict.check_means(cuts, plain, loss)]
+    alternatives = []
+    alternating = replace(model, mean_weight=0.0)
+    seen = seen_coefficients(replace(best, model=alternating), np.abs(best.linear))
+    if seen[0] and seen[3]:
+        ac_only = study(alternating, search_near(alternating, best))
+        of_sensor = None if sensor is None else np.sqrt(np.diag(sensor_covariance(ac_only.best, sensor))[[0, 3]])
+        checks.append(verdict.check_means_against_ac(found, ac_only, of_sensor))
+        of_ac = dict(zip(names, parameters(ac_only.best), strict=True))
+        hidden = [name for name, known in zip(average.NAMES, seen, strict=True) if not known]
+        shown = {name: value for name, value in of_ac.items() if name not in hidden}
+        alternatives.append(alternative("alternating force alone", shown))
+    else:
+        checks.append(verdict.ALTERNATING_IS_BLIND)
+    alternatives.append(alternative("mean forces", dict(zip(average.NAMES, plain.coefficients, strict=True))))
     if loss.explains:
         named = dict(zip(average.NAMES, means.coefficients, strict=True)) | {"c0": loss.runout}
         alternatives.append(alternative("mean forces with contact loss", named))
@@ -171,11 +174,7 @@ def _other_models(found: HarmonicStudy, saved: int, sensor: Frf | None) -> tuple
         wide = refine(replace(best, model=replace(model, band=saved, mean_weight=1.0)))
         ktc["all harmonics"] = float(wide.linear[0])
         alternatives.append(alternative(f"harmonics to {saved}", dict(zip(names, parameters(wide), strict=True))))
-    checks = [
-        verdict.check_means(cuts, plain, loss),
-        verdict.check_means_against_ac(found, ac_only, seen, of_sensor),
-        verdict.check_spread(ktc),
-    ]
+    checks.append(verdict.check_spread(ktc))
     return checks, alternatives
 
 
