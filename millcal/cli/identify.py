@@ -81,11 +81,12 @@ def identify(
     from millcal.stages.conditioning import condition_cut
     from millcal.units import from_shop
 
-    stated = read_setup(setup) if setup else None
+    feeds: list[float | None] = [*feed_per_tooth_mm] if feed_per_tooth_mm else [None] * len(recordings)
     cuts, notices = [], []
     with progress_bar(quiet) as progress:
-        for number, path in enumerate(recordings):
+        for number, (path, feed) in enumerate(zip(recordings, feeds, strict=True)):
             progress(number / len(recordings), path.name)
+            stated = read_setup(setup, feed_per_tooth_mm=feed) if setup else None
             recording = read_recording(
                 path, setup=stated, map=pairs(maps, "--map"), units=pairs(units, "--unit"), rate_hz=rate_hz
             )
@@ -94,8 +95,8 @@ def identify(
             for missing, value in (("cutter", recording.cutter), ("conditions", conditions)):
                 if value is None:
                     raise RecipeError(f"{path}: no {missing} known; give --setup SETUP.toml with a [{missing}] table")
-            if feed_per_tooth_mm:
-                conditions = replace(conditions, feed_per_tooth=from_shop(feed_per_tooth_mm[number], "x_mm"))
+            if feed is not None:
+                conditions = replace(conditions, feed_per_tooth=from_shop(feed, "x_mm"))
             cut = condition_cut(
                 replace(recording, conditions=conditions),
                 steady=recording.steady,

@@ -172,10 +172,13 @@ def read_recipe(path: Path) -> Recipe:
     )
 
 
-def read_setup(path: Path) -> Setup:
-    """Read and check a SETUP.toml."""
+def read_setup(path: Path, *, feed_per_tooth_mm: float | None = None) -> Setup:
+    """Read and check a SETUP.toml.   feed_per_tooth_mm : of this recording, in place of what the setup says"""
     document = read_toml(path)
     tables = validated(SetupTables, document)
+    if feed_per_tooth_mm is not None:
+        feed = {"feed_per_tooth_mm": feed_per_tooth_mm, "feed_mm_per_min": None}
+        tables = tables.model_copy(update={"conditions": tables.conditions.model_copy(update=feed)})
     cutter = tables.cutter.cutter() if tables.cutter else None
     conditions = _conditions(document, ("conditions",), tables.conditions, cutter)
     given = tables.conditions.arguments()

@@ -82,6 +82,21 @@ def test_the_choices_of_the_command_are_those_of_the_stage():
     assert options >= set(inspect.signature(stage.fit_coefficients).parameters) - {"cuts"}
 
 
+def test_a_setup_may_leave_the_feed_to_the_command(run, tmp_path):
+    setup = tmp_path / "setup.toml"
+    setup.write_text(
+        "[cutter]\ndiameter_mm = 16\nteeth = 2\nhelix_deg = 30\n"
+        '[conditions]\nspindle_speed_rpm = 6000\naxial_depth_mm = 2\ndirection = "slot"\n'
+    )
+    feeds = [f"--feed-per-tooth-mm={f}" for f in (0.04, 0.07, 0.1)]
+    code, out, _ = run("--method", "average", "--json", "--setup", str(setup), *feeds)
+    assert code == 0
+    assert np.isclose(json.loads(out)["result"]["coefficients"]["Ktc"]["value"], TRUTH["Ktc"], rtol=0.01)
+    code, _, err = run("--method", "average", "--setup", str(setup))
+    assert code == 3
+    assert "feed_per_tooth_mm: is missing" in err
+
+
 def test_a_feed_given_by_hand_goes_before_the_file(run):
     code, out, _ = run("--method", "average", "--json", *[f"--feed-per-tooth-mm={f}" for f in (0.08, 0.14, 0.2)])
     assert code == 0
