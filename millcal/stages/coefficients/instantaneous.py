@@ -81,7 +81,9 @@ def instantaneous(
         more_checks, others = _other_models(found, saved, sensor)
         checks += more_checks
         alternatives = others + alternatives
-        notices += average.axis_map_notices(cuts, average.mean_forces(cuts, "whole-revolutions"))
+        of_map = average.axis_map_notices(cuts, average.mean_forces(cuts, "whole-revolutions"))
+        checks.append(verdict.check_axis_map(of_map))
+        notices += of_map
 
     modelled = [modelled_harmonics(best, cut, phase, saved) for cut, phase in zip(cuts, best.phase, strict=True)]
     unseen = [predict(fit, cut, saved) for fit, cut in zip(found.left_out, cuts, strict=False)]

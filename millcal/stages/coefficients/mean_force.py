@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from millcal.data import Check, Coefficients, CutForce, Notice
-from millcal.errors import RecipeError
+from millcal.errors import IllPosedError, RecipeError
 from millcal.stages.coefficients import average, verdict
 from millcal.stages.coefficients.answer import NO_AIR_CUT, alternative, answer
 from millcal.stages.coefficients.harmonic import predict, runout_of_line
@@ -23,9 +23,15 @@ def average_force(cuts: tuple[CutForce, ...], *, law: str, rows: str, contact_lo
     average.check_feeds(cuts)
     forces = average.mean_forces(cuts, rows)
     plain = average.solve_means(cuts, forces, 0.0)
-    notices = [*average.axis_map_notices(cuts, forces), *average.curvature_notice(forces, plain.residual, cuts)]
+    of_map = average.axis_map_notices(cuts, forces)
+    notices = [*of_map, *average.curvature_notice(forces, plain.residual, cuts)]
     with_loss, loss = plain, average.NO_CONTACT_LOSS
     looked = contact_loss != "off" and cuts[0].cutter.teeth > 1 and len(cuts) > 2
+    if contact_loss == "fit" and not looked:
+        raise IllPosedError(
+            f"coefficients.contact_loss: 'fit' needs two teeth and three cuts at least, not {cuts[0].cutter.teeth} and "
+            f"{len(cuts)}; use report"
+        )
     if looked:
         with_loss, loss = average.search_contact_loss(cuts, forces)
     chosen = with_loss if contact_loss == "fit" else plain
@@ -47,10 +53,9 @@ def average_force(cuts: tuple[CutForce, ...], *, law: str, rows: str, contact_lo
             Notice("two-cuts", "two cuts leave no scatter: no interval can be given; add a third feed", "cuts")
         )
     r2 = average.r_squared(forces, chosen.residual)
-    turned = [n.message for n in notices if n.code in ("axis-swap", "axis-sign", "sign")]
     steady = np.abs(chosen.residual).max(axis=0) < 0.01 * np.abs(forces).max()  # a flat axis has no R2 to speak of
     checks = (
-        Check("axis-map", not turned, turned[0] if turned else "signs and sizes are those of a right axis map"),
+        verdict.check_axis_map(of_map),
         verdict.check_scatter(len(cuts)),
         verdict.check_means(cuts, plain, loss),
         _contact(cuts, chosen, loss, looked=looked),

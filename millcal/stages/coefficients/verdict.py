@@ -11,7 +11,7 @@ from pathlib import PurePath
 
 import numpy as np
 
-from millcal.data import AXES, Check, CutForce
+from millcal.data import AXES, Check, CutForce, Notice
 from millcal.numerics.jackknife import jackknife_covariance, student_quantile
 from millcal.numerics.separable_least_squares import solve_linear
 from millcal.stages.coefficients.average import (
@@ -163,6 +163,13 @@ def check_means(cuts: Sequence[CutForce], plain: MeanForceFit, loss: ContactLoss
         False,
         f"mean forces do not lie on a line: misfit over noise {values}, not explained by contact loss",
     )
+
+
+def check_axis_map(notices: Sequence[Notice]) -> Check:
+    """What `axis_map_notices` found, as a check."""
+    if notices:
+        return Check("axis-map", False, notices[0].message)
+    return Check("axis-map", True, "signs and sizes are those of a right axis map")
 
 
 def check_scatter(n_cuts: int) -> Check:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from millcal.errors import IllPosedError
 from millcal.physics.cutter import Cutter
 from millcal.physics.cutting_force import LinearEdge
 from millcal.stages.coefficients import fit_coefficients
@@ -48,6 +49,11 @@ def test_two_cuts_are_not_called_a_fit(series):
     for method in ("average", "nls"):
         found = fit_coefficients(series(LAW, TWO, (0.05, 0.1), scatter=0.1, seed=2), method=method)
         assert found.verdict == "fits in part: too few cuts to test it"
+
+
+def test_contact_loss_cannot_be_fitted_to_two_cuts(series):
+    with pytest.raises(IllPosedError, match="three cuts"):
+        fit_coefficients(series(LAW, TWO, (0.05, 0.1)), method="average", contact_loss="fit")
 
 
 def test_runout_that_hides_in_the_straight_line_shows_in_the_once_per_revolution_line(series):
