@@ -24,6 +24,7 @@ from millcal.stages.coefficients.harmonic_model import (
     refine,
     scan_phase,
     scan_phases,
+    unit_force,
 )
 
 GUESS = np.array([800e6, 300e6, 150e6, 20e3, 20e3, 5e3])  # aluminium; only a start where the mean forces give none
@@ -62,13 +63,17 @@ def kienzle_start(linear: np.ndarray, cuts: Sequence[CutForce]) -> tuple[np.ndar
     return force / (chip ** (1 - rise) * Kienzle.REFERENCE_CHIP**rise), rise
 
 
-def runout_of_line(cuts: Sequence[CutForce], linear: np.ndarray) -> float:
-    """Runout that the once-per-revolution line asks for, m: |F_1| = 2 a c0 sqrt(Ktc^2 + Krc^2) in each of x and y.
+def runout_of_line(model: HarmonicModel, linear: np.ndarray) -> float:
+    """Runout that the once-per-revolution line asks for: its size over that of the line of one micrometre, m.
 
-    Exact for two teeth in a slot, a fair size for others.   linear : Ktc, Krc, ... N/m^2
+    linear : linear-edge coefficients, SI, (6,)
     """
-    line = np.mean([np.abs(cut.harmonics[:2, 1]).mean() / cut.conditions.axial_depth for cut in cuts])
-    return float(line / (2 * np.hypot(linear[0], linear[1])))
+    micrometre = replace(model, law="linear-edge", taper=False, memo={})
+    shape = np.zeros(len(micrometre.shape_names))
+    shape[0] = 1e-6
+    seen = [np.abs(cut.harmonics[:2, 1]).mean() for cut in model.cuts]
+    unit = [np.abs(unit_force(micrometre, cut, shape, 1)[:2, :, 1] @ linear).mean() for cut in model.cuts]
+    return 1e-6 * float(np.mean(seen) / max(np.mean(unit), 1e-300))
 
 
 def start_shapes(model: HarmonicModel, linear: np.ndarray) -> list[np.ndarray]:
@@ -77,7 +82,7 @@ def start_shapes(model: HarmonicModel, linear: np.ndarray) -> list[np.ndarray]:
     names = model.runout_names
     if not names:
         return [np.array(rise)]
-    size = float(np.clip(runout_of_line(model.cuts, linear), 1e-6, LARGEST_RUNOUT / 2))
+    size = float(np.clip(runout_of_line(model, linear), 1e-6, LARGEST_RUNOUT / 2))
     starts = []
     for c0 in (0.4 * size, 0.8 * size, 1.2 * size, 2.0 * size):
         for turn in (0.0,) if "s0" not in names else 2 * np.pi * np.arange(4) / 4:

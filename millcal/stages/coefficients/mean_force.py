@@ -89,7 +89,8 @@ def _contact(
         return Check("contact-loss", False, f"teeth lose contact by runout ({size}), which biases the straight line")
     if cuts[0].cutter.teeth == 1 or cuts[0].cutter.pitch is not None:
         return Check("contact-loss", True, "not tested: one tooth, or unequal pitch, hides runout in the mean force")
-    offsets = runout_of_line(cuts, fit.coefficients) * np.cos(lag)
+    model = model_of(cuts, law="linear-edge", band=1, mean_weight=1.0)
+    offsets = runout_of_line(model, fit.coefficients) * np.cos(lag)
     # the straight line knows nothing of contact: a fifth of the feed takes 6 % of the edge force of two teeth away
     found = verdict.check_contact(cuts, offsets, share=0.2)
     by = "the mean forces and the once-per-revolution line" if looked else "the once-per-revolution line"
