@@ -142,7 +142,7 @@ class CutForce(Record):
     cutter: Cutter
     conditions: CuttingConditions
     harmonics: np.ndarray = array("N", "axis", "harmonic")  # complex
-    harmonics_variance: np.ndarray = array("N^2", "axis", "harmonic")  # E|error|^2, from blocks of revolutions and the air cut
+    harmonics_variance: np.ndarray = array("N^2", "axis", "harmonic")  # E|error|^2, of blocks and air cut
     mean_all_rows: np.ndarray = array("N", "axis")  # of every row of the steady part, not only whole revolutions
     revolution_means: np.ndarray = array("N", "axis", "revolution")
     average_angle: np.ndarray = array("rad", "angle")
