@@ -149,7 +149,7 @@ def test_taper_is_found_where_it_is_and_not_where_it_is_not(series):
 
 
 @pytest.mark.parametrize("name", ["two teeth", "two teeth with runout", "three teeth with runout"])
-@pytest.mark.parametrize("seeds", [12, pytest.param(120, marks=pytest.mark.long)])
+@pytest.mark.parametrize("seeds", [6, pytest.param(120, marks=pytest.mark.long)])
 def test_the_intervals_hold_the_truth_about_as_often_as_they_say(series, name, seeds):
     """90 to 99 % of the six coefficients over all seeds, widened by the binomial error of the seeds."""
     inside = []

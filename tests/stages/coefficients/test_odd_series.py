@@ -20,7 +20,7 @@ def check(found, name):
     return next(check for check in found.checks if check.name == name)
 
 
-@pytest.mark.parametrize("teeth", [4, 6])
+@pytest.mark.parametrize("teeth", [4, pytest.param(6, marks=pytest.mark.long)])
 def test_in_a_slot_with_many_teeth_the_chip_does_not_alternate_and_the_means_decide(series, teeth):
     """sum over teeth of sin^2 is constant for N >= 3: only the edge force is in the harmonics, so Ktc is not compared."""
     cutter = Cutter(diameter=16e-3, teeth=teeth, helix=0.5)
@@ -67,13 +67,13 @@ def test_quiet_records_have_an_interval_of_c0_too(series):
     """The profile is followed to its ends, however narrow it is."""
     worn = replace(TWO, runout=12e-6, runout_angle=-1.5e-3 * np.tan(0.5) / 8e-3)
     inside = []
-    for seed in range(20):
+    for seed in range(8):
         cuts = [replace(cut, cutter=TWO) for cut in series(LAW, worn, scatter=0.02, seed=seed)]
         fit, _ = search_contact_loss(cuts, np.stack([cut.harmonics[:, 0].real for cut in cuts]))
         low, high = fit.interval[6]
         assert high > low
         inside.append((fit.interval[:6, 0] <= TRUTH) & (fit.interval[:6, 1] >= TRUTH))
-    assert np.mean(inside) > 0.85
+    assert np.mean(inside) > 0.8
 
 
 def test_cuts_of_different_immersion_at_one_feed_determine_the_mean_force(series):
