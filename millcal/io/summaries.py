@@ -194,7 +194,8 @@ def _shop_value(name: str, value: float) -> tuple[str, float | None]:
 def _offset_of_the_cutter(fit: Coefficients) -> dict[str, Any]:
     """rho and lambda of a parallel offset from c0 and s0, which are its parts in x and y at mid depth.
 
-    Intervals to first order, with the quantile of c0's own. Nothing where the depths differ or s0 is not seen.
+    Intervals to first order, with the quantile of c0's own; a runout is never below 0, and one that may be 0 has no
+    direction. Nothing where the depths differ or s0 is not seen.
     """
     names, depths = fit.posterior.names, {conditions.axial_depth for conditions in fit.conditions}
     if not {"c0", "s0"} <= set(names) or len(depths) > 1:
@@ -211,15 +212,23 @@ def _offset_of_the_cutter(fit: Coefficients) -> dict[str, Any]:
     own = np.sqrt(fit.posterior.covariance[at[0], at[0]])
     width = np.ptp(fit.posterior.interval[at[0]]) / 2
     quantile = width / own if own > 0 else np.nan
-    return {
-        key: {
-            "value": _shop(value, key),
-            "unit": unit,
-            "sd": _shop(sd, key),
-            "ci95": [_shop(value - quantile * sd, key), _shop(value + quantile * sd, key)],
+    low, high = rho - quantile * spread[0], rho + quantile * spread[0]
+    told = {
+        "rho_um": {
+            "value": _shop(rho, "rho_um"),
+            "unit": "um",
+            "sd": _shop(spread[0], "rho_um"),
+            "ci95": [_shop(max(low, 0.0), "rho_um"), _shop(high, "rho_um")],
         }
-        for key, unit, value, sd in (("rho_um", "um", rho, spread[0]), ("lambda_deg", "deg", turn, spread[1]))
     }
+    known = not low <= 0
+    told["lambda_deg"] = {
+        "value": _shop(turn, "x_deg") if known else None,
+        "unit": "deg",
+        "sd": _shop(spread[1], "x_deg") if known else None,
+        "ci95": [_shop(turn + side * quantile * spread[1], "x_deg") if known else None for side in (-1, 1)],
+    }
+    return told
 
 
 def _coefficients(fit: Coefficients) -> dict[str, Any]:

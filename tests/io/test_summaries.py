@@ -70,6 +70,12 @@ def test_a_parallel_offset_seen_in_full_is_told_as_rho_and_lambda_at_the_bottom(
     assert told["rho_um"]["ci95"] == pytest.approx([4.7, 5.3])
     assert told["lambda_deg"]["value"] == pytest.approx(110.0)
     assert told["lambda_deg"]["sd"] == pytest.approx(np.degrees(0.1 / 5))
+    small = replace(posterior, mean=np.array([9e8, 1e-7, 1e-7]))
+    fit = replace(fit, posterior=small)
+    told = summarise(fit)["coefficients"]
+    assert told["rho_um"]["ci95"][0] == 0.0
+    assert (told["lambda_deg"]["value"], told["lambda_deg"]["ci95"]) == (None, [None, None])
+    assert "lambda_deg" in text_of(fit)
 
 
 def test_a_map_lists_the_crossings_of_each_speed_and_none_where_there_is_no_limit():
