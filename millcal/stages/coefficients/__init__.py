@@ -52,10 +52,18 @@ def fit_coefficients(
     if any(cut.cutter != cuts[0].cutter for cut in cuts):
         raise IllPosedError("cuts: they were made with different cutters; identify each cutter by itself")
     own = {
-        "average": {"law": law, "rows": rows, "contact_loss": contact_loss},
-        "nls": {"law": law, "taper": taper, "harmonics": harmonics, "mean_weight": mean_weight, "sensor": sensor},
+        "average": {"rows": rows, "contact_loss": contact_loss},
+        "nls": {"taper": taper, "harmonics": harmonics, "mean_weight": mean_weight},
     }
-    found = METHODS[method](tuple(cuts), **own[method])
+    for other, options in own.items():
+        for name, value in options.items():
+            if other != method and value != fit_coefficients.__kwdefaults__[name]:
+                raise RecipeError(
+                    f"coefficients.{name}: {value!r} goes with method {other}, not {method}; leave it out"
+                )
+    if method == "nls":
+        own["nls"]["sensor"] = sensor
+    found = METHODS[method](tuple(cuts), law=law, **own[method])
     if sensor is not None and method == "average":
         message = "mean forces are forces at rest, where a dynamometer's gain is 1: the sensor's FRF is not used"
         found = replace(found, notices=(*found.notices, Notice("sensor-unused", message, "coefficients.method")))

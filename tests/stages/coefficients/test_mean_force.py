@@ -134,6 +134,10 @@ def test_one_feed_is_refused_and_two_give_no_interval(series):
         ({"method": "average", "law": "kienzle"}, "coefficients.law"),
         ({"method": "average", "rows": "some"}, "coefficients.rows"),
         ({"method": "average", "contact_loss": "maybe"}, "coefficients.contact_loss"),
+        ({"method": "average", "taper": True}, "coefficients.taper: True goes with method nls"),
+        ({"method": "average", "harmonics": 4}, "coefficients.harmonics"),
+        ({"method": "nls", "contact_loss": "fit"}, "coefficients.contact_loss: 'fit' goes with method average"),
+        ({"method": "nls", "rows": "all"}, "coefficients.rows"),
     ],
 )
 def test_an_unknown_option_is_refused_by_its_key(series, options, key):
