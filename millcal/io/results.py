@@ -71,17 +71,6 @@ def read_provenance(path: Path) -> dict:
         return json.loads(_text(file.attrs.get("provenance", "{}")))
 
 
-def kind_of(path: Path) -> str | None:
-    """Name of the record in a result file; None for any other file."""
-    try:
-        with h5py.File(path, "r") as file:
-            if _text(file.attrs.get("format", "")) != FORMAT:
-                return None
-            return _text(file.attrs.get("record", file.attrs.get("records", ""))) or None
-    except OSError:
-        return None
-
-
 @contextmanager
 def _new_file(path: Path, provenance: dict) -> Iterator[h5py.File]:
     with replaced_atomically(path) as temporary, h5py.File(temporary, "w") as file:

@@ -52,9 +52,6 @@ def parameter(name: str) -> Parameter:
     return Parameter(name, "", "", 1.0)
 
 
-DIRECTIONS = {"up": "up milling", "down": "down milling", "slot": "slot"}
-
-
 def conditions_in_words(c: CuttingConditions) -> str:
     """The conditions of a cut in one line, shop-floor units."""
     width = "slot" if c.direction == "slot" else f"a_e {nominal(c.radial_depth * 1e3)} mm {c.direction}"

@@ -19,7 +19,6 @@ from millcal.data import (
 from millcal.errors import RecordingError
 from millcal.io.provenance import provenance
 from millcal.io.results import (
-    kind_of,
     read_provenance,
     read_result,
     read_results,
@@ -70,7 +69,6 @@ def test_several_records_of_one_type_share_a_file_in_their_order(make_record, tm
     back = read_results(tmp_path / "cuts.h5", CutForce)
     assert [c.name for c in back] == [c.name for c in cuts]
     assert_equal(back[11], cuts[11])
-    assert kind_of(tmp_path / "cuts.h5") == "CutForce"
 
 
 def test_an_frf_has_the_layout_of_the_contract(make_record, tmp_path):

@@ -35,6 +35,7 @@ class MeanForceFit:
     modelled: np.ndarray  # (cut, axis), N
     residual: np.ndarray  # (cut, axis), N
     squared_sum: float  # N^2
+    matrix: np.ndarray  # mean force per unit of each coefficient, (cut, axis, 6)
     interval: np.ndarray  # 95 %, (6 or 7, low and high)
 
 
@@ -89,7 +90,9 @@ def solve_means(cuts: Sequence[CutForce], forces: np.ndarray, runout: float) -> 
         covariance = np.einsum("pci,ij,qcj->pq", inverse, residual.T @ residual / (n - 2), inverse)
     half = student_quantile(n - 2) * np.sqrt(np.diag(covariance))
     interval = np.stack([theta - half, theta + half], axis=1)
-    return MeanForceFit(theta, covariance, n - 2.0, runout, modelled, residual, float(np.sum(residual**2)), interval)
+    return MeanForceFit(
+        theta, covariance, n - 2.0, runout, modelled, residual, float(np.sum(residual**2)), matrix, interval
+    )
 
 
 def search_contact_loss(cuts: Sequence[CutForce], forces: np.ndarray) -> tuple[MeanForceFit, ContactLoss]:
@@ -115,12 +118,11 @@ def search_contact_loss(cuts: Sequence[CutForce], forces: np.ndarray) -> tuple[M
         low, high = max(min(inside) - step, 0.0), min(max(inside) + step, largest)
         fits += [solve_means(cuts, forces, c0) for c0 in np.linspace(low, high, 31)[1:-1]]
         step = (high - low) / 30
-    best = min(fits, key=lambda fit: fit.squared_sum)
     lowest, highest = np.full(7, np.inf), np.full(7, -np.inf)
     for trial in fits:
         if trial.squared_sum > allowed:
             continue
-        matrix = mean_force_matrix(cuts, trial.runout).reshape(-1, 6)
+        matrix = trial.matrix.reshape(-1, 6)
         scale = np.linalg.norm(matrix, axis=0)
         unit = np.diag(np.linalg.pinv((matrix / scale).T @ (matrix / scale))) / scale**2
         half = np.append(np.sqrt(unit * (allowed - trial.squared_sum)), step)

@@ -48,6 +48,8 @@ def instantaneous(
 ) -> Coefficients:
     """The fit, its intervals, its checks and what other models say; options as in `fit_coefficients`."""
     teeth = cuts[0].cutter.teeth
+    if taper and teeth == 1:
+        raise IllPosedError("coefficients.taper: one tooth has no runout to taper; leave it out")
     gain, of_sensor = None, []
     if sensor is not None:
         gain = interpolated_sensor(sensor)
@@ -56,7 +58,7 @@ def instantaneous(
     band = min(saved, harmonics if harmonics is not None else max(teeth, 2))
     if band < 1:
         raise IllPosedError(f"coefficients.harmonics: {band} leaves no force within the revolution; use 1 or more")
-    model = model_of(cuts, law=law, band=band, mean_weight=mean_weight, taper=taper and teeth > 1, sensor=gain)
+    model = model_of(cuts, law=law, band=band, mean_weight=mean_weight, taper=taper, sensor=gain)
     found = study(model)
     best = found.best
     posterior, notices = _posterior(found, law, sensor)

@@ -92,3 +92,8 @@ def test_a_helix_that_winds_far_shows_both_parts_of_the_runout_of_two_teeth(seri
     assert found.posterior.names[-2:] == ("c0", "s0")
     assert np.hypot(found.posterior["c0"], found.posterior["s0"]) == pytest.approx(10e-6, rel=1e-3)
     assert found.posterior.mean[:6] == pytest.approx(TRUTH, rel=1e-4)
+
+
+def test_one_tooth_has_no_runout_to_taper(series):
+    with pytest.raises(IllPosedError, match="one tooth"):
+        fit_coefficients(series(LAW, Cutter(diameter=16e-3, teeth=1)), taper=True)
