@@ -185,6 +185,29 @@ class Hit:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class HitSpectra(Record):
+    """The hits that some columns of an FRF were estimated from: what a fit needs to leave one out and to undo the windows.
+
+    Spectra are plain sums over the samples, X(s_k) = sum x[n] e^{-s_k n / rate}, with s_k = damping_shift + j w_k. A record is
+    1 up to `window_stop`, falls along half a cosine over `window_fall` samples, and is 0 from there on.
+    """
+
+    response: np.ndarray = array("SI of the response", "hit", "output", "line")  # complex
+    force: np.ndarray = array("N", "hit", "input", "sample")  # within its window; zero beside it
+    force_start: np.ndarray = array("sample", "hit")  # of the first sample in `force`, counted from the record's origin
+    window_stop: np.ndarray = array("sample", "hit", "output")
+    window_fall: np.ndarray = array("sample", "hit", "output")
+    force_noise: np.ndarray = array("N^2", "input")  # E|noise|^2 of a line, summed over the hits
+    response_noise: np.ndarray = array("square of the response", "output")  # E|noise|^2 of a line, mean over the hits
+    first_line: int  # the first line's index among the lines of the FRF
+    outputs: tuple[str, ...]
+    forms: tuple[str, ...]  # as each output was measured: accelerance, mobility, receptance, transmissibility
+    inputs: tuple[str, ...]
+    sample_rate: float  # Hz
+    names: tuple[str, ...]  # of the hits: "tap_x.h5:3"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Frf(Record):
     """Frequency response matrix X/F with coherence and variance. Convention x(t) = Re X e^{+j w t}."""
 
@@ -201,17 +224,63 @@ class Frf(Record):
     hits_used: tuple[int, ...]  # per input
     usable_band: tuple[float, float]  # Hz
     hits: tuple[Hit, ...] = ()
+    damping_shift: float = 0.0  # 1/s; of an exponential window: `values` are those at s = damping_shift + j w
+    tests: tuple[HitSpectra, ...] = ()  # empty for an FRF of another program
     notices: tuple[Notice, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class ModalFit(Record):
+    """What a fit found beside frequency and damping, and what a reader needs to believe it.
+
+    The model, in the form of the FRF (power d of s: receptance 0, mobility 1, accelerance 2), is
+
+        H(s) = s^d [sum_r (alpha_r + beta_r s) / (s^2 + 2 zeta_r w_r s + w_r^2) + R_0 / s^2 + R_1 + R_2 s^2 + ...]
+
+    alpha = phi_o phi_i are the modal constants; beta is zero for real modes, and in general
+    alpha + beta s = A (s - p*) + A* (s - p) with the residue A at the pole p = -zeta w + j w sqrt(1 - zeta^2).
+    """
+
+    residue: np.ndarray = array(
+        "s/kg", "mode", "output", "input"
+    )  # A, complex, of the receptance; alpha / (2j w_d) if real
+    remainder: np.ndarray = array("SI by power of s", "remainder", "output", "input")  # of the modes outside the band
+    remainder_power: np.ndarray = array("1", "remainder")  # of s in the receptance: -2, 0, 2
+    frequency_deviation: np.ndarray = array("Hz", "deviation", "mode")  # covariance = deviation^T deviation
+    damping_deviation: np.ndarray = array("1", "deviation", "mode")
+    residue_deviation: np.ndarray = array("s/kg", "deviation", "mode", "output", "input")
+    dof: float  # degrees of freedom behind the deviations
+    interval_from: Literal["jackknife", "least squares", "none"]
+    frequency: np.ndarray = array("Hz", "line")  # the lines of the fit
+    measured: np.ndarray = array("by form", "line", "output", "input")
+    modelled: np.ndarray = array("by form", "line", "output", "input")  # as measured: with what the record cut off
+    synthesised: np.ndarray = array("by form", "line", "output", "input")  # the FRF of the structure itself
+    residual: np.ndarray = array("1", "output", "input")  # |measured - modelled| / |measured|
+    residual_relative: float  # the same over all
+    complex_modes: bool
+    mac: np.ndarray = array("1", "mode", "other mode")  # modal assurance criterion of the shapes
+    complexity: np.ndarray = array("rad", "mode")  # mean phase deviation of the shape from a line
+    chart_order: np.ndarray = array("1", "pole")  # the stabilisation chart: every pole of every order
+    chart_frequency: np.ndarray = array("Hz", "pole")
+    chart_damping: np.ndarray = array("1", "pole")
+    chart_stable: np.ndarray = array("1", "pole")  # 1 where frequency and damping are those of the order below
+    delay: np.ndarray | None = array("s", "output", optional=True)  # of each response behind the hammer, estimated
+    delay_sd: np.ndarray | None = array("s", "output", optional=True)
+    form: Literal["accelerance", "mobility", "receptance"]
+    outputs: tuple[str, ...]
+    inputs: tuple[str, ...]
+    band: tuple[float, float]  # Hz
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Modes(Record):
-    """Modes of the structure at the tool tip, each along one machine axis."""
+    """Modes of the structure at the tool tip: given by hand along machine axes, or fitted to an FRF."""
 
     natural_frequency: np.ndarray = array("Hz", "mode")
     damping_ratio: np.ndarray = array("1", "mode")
-    stiffness: np.ndarray = array("N/m", "mode")
-    axes: tuple[str, ...]  # of each mode: x, y or z
+    stiffness: np.ndarray = array("N/m", "mode")  # of a fit: at the driving point of the first input; nan where none
+    axes: tuple[str, ...]  # of each mode: x, y or z, along which it moves most
+    fit: ModalFit | None = None
     notices: tuple[Notice, ...] = ()
 
 

@@ -16,12 +16,14 @@ FALL = 0.15  # cosine end of the response window, as a share of its length
 
 
 class Gated(NamedTuple):
-    """A hit with its means off and its windows on."""
+    """A hit with its means off and its windows on, but for an exponential window, which is the transform's business."""
 
     force: np.ndarray  # (input, n)
     response: np.ndarray  # (output, n)
     force_noise: np.ndarray  # (input,) expected |noise|^2 of a line of the transform
     response_noise: np.ndarray  # (output,)
+    stop: np.ndarray  # (output,) sample where the response window begins to fall
+    fall: np.ndarray  # (output,) samples over which it falls
 
 
 def window(length: int, start: int, stop: int, rise: int, fall: int) -> np.ndarray:
@@ -109,12 +111,22 @@ def decay_lengths(surveys: list[Survey], block: int) -> np.ndarray:
 
 
 def gate_hit(
-    force: np.ndarray, response: np.ndarray, valid: np.ndarray, survey: Survey, decay: np.ndarray, shift: int
+    force: np.ndarray,
+    response: np.ndarray,
+    valid: np.ndarray,
+    survey: Survey,
+    decay: np.ndarray,
+    shift: int,
+    damping: float = 0.0,
 ) -> Gated:
     """Take the means off a hit's record and put the windows on.
 
+    An exponential window on both channels, from one origin, is the Laplace variable moved to s = damping + j w, exactly:
+    no scale factor belongs to it, and the noise that is given back already has it in, like the other windows.
+
     force : (input, n)   response : (output, n)   valid : (n,) False outside of what belongs to this hit
     decay : (output,) samples after the onset   shift : the record's first sample, counted as in the survey
+    damping : decay of the exponential window per sample
     """
     n = len(valid)
     onset, first, last = survey.onset - shift, survey.first - shift, survey.last - shift
@@ -129,20 +141,26 @@ def gate_hit(
     force_window = np.ones(n) if quiet else window(n, low, high, flank, flank)
 
     windows = np.ones(response.shape)
-    for own, samples in zip(windows, decay, strict=True):
+    stops, falls = np.full(len(response), n), np.zeros(len(response), int)
+    for i, samples in enumerate(decay):
         if np.isfinite(samples):
-            stop = int(min(onset + samples, end / (1.0 + FALL)))
-            own[:] = window(n, low, stop, flank, max(1, int(FALL * stop)))
+            stops[i] = int(min(onset + samples, end / (1.0 + FALL)))
+            falls[i] = max(1, int(FALL * stops[i]))
+            windows[i] = window(n, low, stops[i], flank, falls[i])
         elif end < n or begin > 0:  # cut by the next hit or by an end of the recording
-            fall = max(1, int(FALL / 3 * end)) if end < n else 0
-            own[:] = window(n, begin, end - fall, 0, fall)
+            falls[i] = max(1, int(FALL / 3 * end)) if end < n else 0
+            stops[i] = end - falls[i]
+            windows[i] = window(n, begin, stops[i], 0, falls[i])
     rest = resting_mean(response, (windows == 0.0) & valid, survey)
     response = np.where(valid, response - rest[:, None], 0.0)
+    fading = np.exp(-damping * np.arange(n)) if damping else 1.0
     return Gated(
         force * force_window,
         response * windows,
-        np.zeros(len(force)) if quiet else np.sum(force_window**2) * survey.force_noise**2,
-        np.sum(windows**2, axis=1) * survey.response_noise**2,
+        np.zeros(len(force)) if quiet else np.sum((force_window * fading) ** 2) * survey.force_noise**2,
+        np.sum((windows * fading) ** 2, axis=1) * survey.response_noise**2,
+        stops,
+        falls,
     )
 
 

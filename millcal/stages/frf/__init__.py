@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from millcal.data import Frf, Hit, Notice, Recording
+from millcal.data import Frf, Hit, HitSpectra, Notice, Recording
 from millcal.errors import IllPosedError, RecordingError
 from millcal.numerics.frequency_response import ESTIMATORS, condition, divide, estimate
 from millcal.physics.structure import DERIVATIVES, convert_frf, convert_frf_variance
@@ -46,6 +46,7 @@ def estimate_frf(
     hold_off: float = 0.1,
     record_length: float | None = None,
     resolution: float | None = None,
+    exponential: float | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Frf:
     """Frequency response of all outputs to all inputs from impact tests.
@@ -59,6 +60,7 @@ def estimate_frf(
     hold_off : s; in a continuous recording, pulses closer than this belong to one hit
     record_length : s of each hit; None takes what the decay of the response needs, or the segments
     resolution : Hz between the lines at most, by adding zeros; None takes the record, and at least twice the decay
+    exponential : value at the record's end of an exponential window on force and response; None puts on none
     progress : called with (share done, label)
     """
     recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
@@ -86,13 +88,16 @@ def estimate_frf(
         plan_windows(tap)
     length = min(tap.length for tap in taps)
     points = _points(taps, length, rate, resolution)
+    if exponential is not None and not 0 < exponential < 1:
+        raise IllPosedError(f"exponential {exponential:g}: no window ends there; give its value at the end, as 0.05")
+    damping = 0.0 if exponential is None else -float(np.log(exponential)) / length
     for i, tap in enumerate(taps):
         progress(0.7 + 0.2 * i / len(taps), f"spectra of {tap.recording.name}")
         for hit in tap.used():
-            transform(tap, hit, length, points)
+            transform(tap, hit, length, points, damping)
         reject_inconsistent(tap, kept)
     progress(0.95, "frequency response")
-    return _assemble(taps, length, points, rate, estimator, form)
+    return _assemble(taps, length, points, rate, estimator, form, damping * rate)
 
 
 def _check_one_kind(taps: list[Tap]) -> None:
@@ -126,7 +131,9 @@ def _groups(taps: list[Tap]) -> list[list[Tap]]:
     return groups
 
 
-def _assemble(taps: list[Tap], length: int, points: int, rate: float, estimator: str, form: str | None) -> Frf:
+def _assemble(
+    taps: list[Tap], length: int, points: int, rate: float, estimator: str, form: str | None, damping: float
+) -> Frf:
     """Estimate each group of inputs, and put the matrix, the table of hits and the notices together."""
     inputs = tuple(dict.fromkeys(dof for tap in taps for dof in tap.inputs))
     outputs = tuple(dict.fromkeys(dof for tap in taps for dof in tap.outputs))
@@ -138,6 +145,7 @@ def _assemble(taps: list[Tap], length: int, points: int, rate: float, estimator:
     enough = np.zeros(len(outputs), bool)
     spectrum, line_noise = np.zeros((len(frequency), len(inputs))), np.zeros(len(inputs))
     hits_used = np.zeros(len(inputs), int)
+    behind: list[tuple[list[tuple[Tap, int]], list[int], list[int]]] = []  # hits, rows and columns of the tests
 
     for group in _groups(taps):
         columns = [j for j, dof in enumerate(inputs) if any(dof in tap.inputs for tap in group)]
@@ -174,6 +182,7 @@ def _assemble(taps: list[Tap], length: int, points: int, rate: float, estimator:
             explained[:, rows] += found.explained
             total[:, rows] += found.total
             enough[rows] |= pattern.sum() > len(columns)
+            behind.append(([hit for hit, there in zip(hits, pattern, strict=True) if there], rows, columns))
 
     if hits_used.min() == 1:
         single = ", ".join(dof for dof, n in zip(inputs, hits_used, strict=True) if n == 1)
@@ -193,6 +202,11 @@ def _assemble(taps: list[Tap], length: int, points: int, rate: float, estimator:
     band = _usable_band(frequency, spectrum, line_noise, rate / length)
     measured = [FORM_OF[quantity] for quantity in _quantities(taps, outputs)]
     form = form or measured[0]
+    if damping and form != "transmissibility":
+        message = (
+            f"an exponential window added {damping:.3g} 1/s of damping to every mode; modes are corrected for it, "
+        )
+        notices.append(Notice("exponential-window", message + "the curve itself cannot be"))
     if form == "transmissibility":
         notices += _gain_at_rest(frequency, values, outputs, inputs, band)
     else:
@@ -229,7 +243,53 @@ def _assemble(taps: list[Tap], length: int, points: int, rate: float, estimator:
         hits_used=tuple(int(n) for n in hits_used),
         usable_band=band,
         hits=hits,
+        damping_shift=damping,
+        tests=tuple(_hit_spectra(frequency, band, rate, inputs, outputs, measured, *test) for test in behind),
         notices=tuple(dict.fromkeys(notices)),
+    )
+
+
+def _hit_spectra(
+    frequency: np.ndarray,
+    band: tuple[float, float],
+    rate: float,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    forms: Sequence[str],
+    hits: list[tuple[Tap, int]],
+    rows: list[int],
+    columns: list[int],
+) -> HitSpectra:
+    """What a modal fit needs of the hits behind some entries, on the lines about the usable band."""
+    kept = np.flatnonzero((frequency >= 0.5 * band[0]) & (frequency <= 2.0 * band[1]))
+    lines = slice(kept[0], kept[-1] + 1) if len(kept) else slice(0, 0)
+    where = [[list(tap.outputs).index(outputs[row]) for row in rows] for tap, _ in hits]
+    sources = [[list(tap.inputs).index(inputs[j]) for j in columns] for tap, _ in hits]
+    longest = max(tap.pulse[hit][1].shape[1] for tap, hit in hits)
+    force = np.zeros((len(hits), len(columns), longest))
+    for own, (tap, hit), source in zip(force, hits, sources, strict=True):
+        pulse = tap.pulse[hit][1][source]
+        own[:, : pulse.shape[1]] = pulse
+    ends = [[side[at] for side in tap.ends[hit]] for (tap, hit), at in zip(hits, where, strict=True)]
+    noise = [
+        (tap.noise[hit][0][j], tap.noise[hit][1][o]) for (tap, hit), j, o in zip(hits, sources, where, strict=True)
+    ]
+    return HitSpectra(
+        response=np.stack(
+            [tap.spectra[hit][1][at][:, lines].astype(np.complex64) for (tap, hit), at in zip(hits, where, strict=True)]
+        ),
+        force=force,
+        force_start=np.array([tap.pulse[hit][0] for tap, hit in hits]),
+        window_stop=np.array([stop for stop, _ in ends]),
+        window_fall=np.array([fall for _, fall in ends]),
+        force_noise=np.sum([of_force for of_force, _ in noise], axis=0),
+        response_noise=np.mean([of_response for _, of_response in noise], axis=0),
+        first_line=int(lines.start),
+        outputs=tuple(outputs[row] for row in rows),
+        forms=tuple(forms[row] for row in rows),
+        inputs=tuple(inputs[j] for j in columns),
+        sample_rate=rate,
+        names=tuple(f"{tap.recording.name}:{hit}" for tap, hit in hits),
     )
 
 

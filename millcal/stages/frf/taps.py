@@ -39,6 +39,10 @@ class Tap:
     accepted: list[bool] = field(default_factory=list)
     spectra: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)  # hit -> (input, f), (output, f)
     noise: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)  # hit -> E|noise|^2 of a line
+    pulse: dict[int, tuple[int, np.ndarray]] = field(default_factory=dict)  # hit -> first sample, (input, sample) N
+    ends: dict[int, tuple[np.ndarray, np.ndarray]] = field(
+        default_factory=dict
+    )  # hit -> window stop and fall (output,)
     before: int = 0  # samples of the record before the onset
     length: int = 0  # samples of the record
     decay: np.ndarray = field(default_factory=lambda: np.zeros(0))  # (output,) samples after the onset; inf: no end
@@ -239,8 +243,11 @@ def _block(recording: Recording) -> int:
     return max(8, round(1e-3 * recording.sample_rate))
 
 
-def transform(tap: Tap, hit: int, length: int, points: int) -> None:
-    """Spectra of one hit, with its means off and its windows on; force and response have one origin."""
+def transform(tap: Tap, hit: int, length: int, points: int, damping: float = 0.0) -> None:
+    """Spectra of one hit, with its means off and its windows on; force and response have one origin.
+
+    damping : of an exponential window, per sample
+    """
     survey, (start, stop) = tap.surveys[hit], tap.stretches[hit]
     origin = 0 if tap.segmented else survey.onset - tap.before
     begin, end = max(0, origin), min(stop - start, origin + length)
@@ -248,9 +255,14 @@ def transform(tap: Tap, hit: int, length: int, points: int) -> None:
     valid = np.zeros(length, bool)
     samples[:, begin - origin : end - origin] = tap.recording.block(start + begin, start + end)
     valid[begin - origin : end - origin] = True
-    gated = gate_hit(samples[tap.forces], samples[tap.responses], valid, survey, tap.decay, origin)
-    tap.spectra[hit] = (np.fft.rfft(gated.force, points), np.fft.rfft(gated.response, points))
+    gated = gate_hit(samples[tap.forces], samples[tap.responses], valid, survey, tap.decay, origin, damping)
+    fading = np.exp(-damping * np.arange(length)) if damping else 1.0
+    tap.spectra[hit] = (np.fft.rfft(gated.force * fading, points), np.fft.rfft(gated.response * fading, points))
     tap.noise[hit] = (gated.force_noise, gated.response_noise)
+    loaded = np.flatnonzero(gated.force.any(axis=0))
+    first, last = (loaded[0], loaded[-1] + 1) if len(loaded) else (0, 1)
+    tap.pulse[hit] = (int(first), gated.force[:, first:last].copy())
+    tap.ends[hit] = (gated.stop, gated.fall)
 
 
 def reject_inconsistent(tap: Tap, kept: set) -> None:
