@@ -12,6 +12,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 
 from millcal.physics.cutter import Cutter, CuttingConditions
+from millcal.physics.modal_constants import DrivingConstants, Estimate, driving_constants, interval, mode_shapes
 
 AXES = ("x", "y", "z")
 
@@ -271,6 +272,18 @@ class ModalFit(Record):
     inputs: tuple[str, ...]
     band: tuple[float, float]  # Hz
 
+    @property
+    def driving_points(self) -> dict[str, tuple[int, int]]:
+        """Where a point is hit and measured in one direction, whatever their signs: dof -> (output, input)."""
+        outputs, inputs = ([dof.lstrip("+-") for dof in dofs] for dofs in (self.outputs, self.inputs))
+        return {dof: (outputs.index(dof), inputs.index(dof)) for dof in inputs if dof in outputs}
+
+    @property
+    def shapes(self) -> tuple[tuple[str, ...], np.ndarray]:
+        """The shape of every mode and the dofs it goes over.   returns dofs and complex (mode, dof)"""
+        dofs = self.inputs if len(self.inputs) > len(self.outputs) else self.outputs
+        return dofs, mode_shapes(self.residue)
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Modes(Record):
@@ -282,6 +295,38 @@ class Modes(Record):
     axes: tuple[str, ...]  # of each mode: x, y or z, along which it moves most
     fit: ModalFit | None = None
     notices: tuple[Notice, ...] = ()
+
+    @property
+    def frequency_estimate(self) -> Estimate:
+        """Natural frequencies with their deviations, none where no fit knows them.   Hz"""
+        nothing = np.empty((0, len(self.axes)))
+        return Estimate(self.natural_frequency, self.fit.frequency_deviation if self.fit else nothing)
+
+    @property
+    def damping_estimate(self) -> Estimate:
+        """Damping ratios with their deviations, none where no fit knows them."""
+        nothing = np.empty((0, len(self.axes)))
+        return Estimate(self.damping_ratio, self.fit.damping_deviation if self.fit else nothing)
+
+    def driving_constants(self, output: int, given: int) -> DrivingConstants:
+        """k, m and c of every fitted mode at a driving point, one of `fit.driving_points`.
+
+        Where hammer and response count the other way round, so do their residues.
+        """
+        assert self.fit is not None
+        turned = self.fit.outputs[output].startswith("-") != self.fit.inputs[given].startswith("-")
+        sign = -1.0 if turned else 1.0
+        residue, deviation = self.fit.residue[:, output, given], self.fit.residue_deviation[:, :, output, given]
+        return driving_constants(
+            self.frequency_estimate, self.damping_estimate, Estimate(sign * residue, sign * deviation)
+        )
+
+    def interval(self, estimate: Estimate) -> np.ndarray:
+        """The 95 % interval of something of the modes that is not negative; nan where none is known.
+
+        returns (mode, low and high)
+        """
+        return interval(estimate, self.fit.dof if self.fit else 0.0)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -1,0 +1,78 @@
+"""What the residues of fitted modes say in a shop's words: stiffness, mass and damping where the tool is hit, and shapes.
+
+The receptance is H(s) = sum_r A_r / (s - p_r) + its conjugate, p = -zeta w + j w_d with w_d = w sqrt(1 - zeta^2). At a
+driving point alpha = Re(2j w_d A) = 1/m, so that m = 1/alpha, k = w^2/alpha and c = 2 zeta w/alpha; for real modes that is
+exact, a complex mode has them at its peak only. Spread goes through to first order, row by row of the deviations, whose
+product deviation^T deviation is the covariance: no correlation between frequency, damping and residue is lost.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from millcal.numerics.jackknife import student_quantile
+
+
+class Estimate(NamedTuple):
+    """A number of every mode, nan where it cannot be known, and its deviations."""
+
+    value: np.ndarray  # (mode,)
+    deviation: np.ndarray  # (deviation, mode)
+
+
+class DrivingConstants(NamedTuple):
+    """Every mode as a spring, a mass and a damper at one driving point."""
+
+    stiffness: Estimate  # k, N/m
+    mass: Estimate  # m, kg
+    damping: Estimate  # c, N s/m
+
+
+def driving_constants(frequency: Estimate, damping_ratio: Estimate, residue: Estimate) -> DrivingConstants:
+    """k, m and c of every mode at a driving point; nan where the modal constant is not positive, as no structure's can be.
+
+    frequency : undamped natural frequency, Hz   residue : A of the receptance at that point, complex, s/kg
+    """
+    w, dw = (2 * np.pi * values for values in frequency)
+    zeta, dzeta = damping_ratio
+    a, da = residue
+    root = np.sqrt(1 - zeta**2)
+    alpha = np.real(2j * w * root * a)
+    d_alpha = np.real(2j * (dw * root * a - w * zeta / root * dzeta * a + w * root * da))
+    alpha = np.where(alpha > 0, alpha, np.nan)
+    relative = d_alpha / alpha
+    k, m, c = w**2 / alpha, 1 / alpha, 2 * zeta * w / alpha
+    return DrivingConstants(
+        Estimate(k, k * (2 * dw / w - relative)),
+        Estimate(m, -m * relative),
+        Estimate(c, c * (dzeta / zeta + dw / w - relative)),
+    )
+
+
+def interval(estimate: Estimate, dof: float, share: float = 0.95) -> np.ndarray:
+    """The interval of a number that is never negative, by Student's t; nan where there are no deviations.
+
+    dof : degrees of freedom behind the deviations   returns (mode, low and high)
+    """
+    value, deviation = estimate
+    if not len(deviation) or not dof > 0:
+        return np.full((len(value), 2), np.nan)
+    half = student_quantile(dof, share) * np.sqrt(np.sum(deviation**2, axis=0))
+    return np.stack([np.maximum(value - half, 0.0), value + half], axis=1)
+
+
+def mode_shapes(residue: np.ndarray) -> np.ndarray:
+    """Shapes over the longer side of the residues, which is what was measured at more places.
+
+    A = phi_o phi_i, so the shape is the vector nearest to all columns (or rows) at once, the first of the singular value
+    decomposition. It is turned to the phase along which it moves most, and its largest real part is 1.
+    residue : complex (mode, output, input)   returns complex (mode, output), or (mode, input) where these are more
+    """
+    if residue.shape[2] > residue.shape[1]:
+        residue = residue.transpose(0, 2, 1)
+    left, _, _ = np.linalg.svd(residue, full_matrices=False)
+    shape = left[:, :, 0]
+    shape = shape * np.exp(-0.5j * np.angle(np.sum(shape**2, axis=1, keepdims=True)))
+    largest = np.argmax(np.abs(shape.real), axis=1)
+    scale = shape.real[np.arange(len(shape)), largest]
+    return shape / np.where(scale == 0, 1.0, scale)[:, np.newaxis]
