@@ -1,60 +1,18 @@
 """Impact tests with known truth, small and independent of `millcal.simulation`: modes, half-sine pulses, noise, faults."""
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from impact_cases import RATE, STRUCTURES, half_sine
 
 from millcal.data import Channel, Recording
 
-RATE = 25600.0
 DOFS = ("tipX", "tipY", "headX")
-
-
-@dataclass(frozen=True)
-class Structure:
-    """Modes and the pulse that excites them."""
-
-    natural_frequency: np.ndarray  # (mode,) Hz
-    damping_ratio: np.ndarray
-    shape: np.ndarray  # (dof, mode), mass-normalised
-    pulse: float  # s
-    band: tuple[float, float]  # Hz
-
-    def receptance(self, frequency, outputs, inputs):
-        w, wn = 2 * np.pi * frequency, 2 * np.pi * self.natural_frequency
-        poles = 1 / (wn**2 - w[:, None] ** 2 + 2j * self.damping_ratio * wn * w[:, None])
-        o, i = (self.shape[[DOFS.index(dof) for dof in dofs]] for dofs in (outputs, inputs))
-        return np.einsum("om,im,fm->foi", o, i, poles)
-
-    def accelerance(self, frequency, outputs, inputs):
-        return -((2 * np.pi * frequency) ** 2)[:, None, None] * self.receptance(frequency, outputs, inputs)
-
-
 SYSTEMS = {
-    "A": Structure(
-        np.array([60.0, 82.0, 103.0]),
-        np.array([0.10, 0.15, 0.07]),
-        np.array([[0.08, 0.06, -0.055], [0.035, 0.095, 0.05], [0.06, 0.02, -0.07]]),
-        2.8e-3,
-        (30.0, 200.0),
-    ),
-    "B": Structure(
-        np.array([650.0, 1200.0, 2100.0]),
-        np.array([0.03, 0.018, 0.01]),
-        np.array([[0.9, 0.6, 2.2], [0.35, 2.1, -0.9], [0.55, 0.25, -0.8]]),
-        2.7e-4,
-        (300.0, 3000.0),
-    ),
+    name: replace(STRUCTURES[name], shape=STRUCTURES[name].shape[rows], dofs=DOFS, pulse=pulse)
+    for name, rows, pulse in (("A", [0, 1, 3], 2.8e-3), ("B", [0, 1, 3], 2.7e-4))
 }
-
-
-def half_sine(frequency, start, length, peak):
-    """Fourier integral of a half-sine pulse."""
-    w = 2 * np.pi * frequency * length
-    safe = np.where(np.isclose(w, np.pi), np.pi * (1 + 1e-6), w)
-    spectrum = np.pi / (np.pi**2 - safe**2) * (1 + np.exp(-1j * safe))
-    return peak * length * spectrum * np.exp(-2j * np.pi * frequency * start)
 
 
 @pytest.fixture
