@@ -144,8 +144,8 @@ def gate_hit(
     stops, falls = np.full(len(response), n), np.zeros(len(response), int)
     for i, samples in enumerate(decay):
         if np.isfinite(samples):
-            stops[i] = int(min(onset + samples, end / (1.0 + FALL)))
-            falls[i] = max(1, int(FALL * stops[i]))
+            falls[i] = max(1, int(FALL * min(samples, end / (1.0 + FALL))))  # the same in every hit
+            stops[i] = min(onset + int(samples), end - falls[i])
             windows[i] = window(n, low, stops[i], flank, falls[i])
         elif end < n or begin > 0:  # cut by the next hit or by an end of the recording
             falls[i] = max(1, int(FALL / 3 * end)) if end < n else 0

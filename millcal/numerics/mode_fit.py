@@ -1,0 +1,245 @@
+"""Modes of a linear system from an estimated frequency response: all channels and inputs in one least-squares problem.
+
+Frequencies and damping ratios are common to all channels and enter nonlinearly; residues and the remainder of modes outside
+the band enter linearly and are projected out (Golub & Pereyra 1973, Kaufman 1975), channel by channel, so that the search
+has two unknowns a mode whatever the number of channels. The basis comes from `modal_basis` with its exact losses, and its
+derivatives are analytic.
+
+Every channel is whitened: a row of the estimate H = X F^H S_ff^-1 has the covariance sigma^2 S_ff^-1, so H L / sigma with
+L L^H = S_ff has white noise of unit variance.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from millcal.numerics.modal_basis import Loss, pole_of, pole_slopes, pole_terms
+
+LARGEST_DAMPING = 0.9
+
+
+class Channels(NamedTuple):
+    """Rows of a frequency response that were estimated together: all outputs of one test to its inputs."""
+
+    s: np.ndarray  # (line,) complex, 1/s
+    values: np.ndarray  # (output, line, input) complex
+    root: np.ndarray  # (line, input, input) L with L L^H = S_ff; of one input: the square root of S_ff
+    noise: np.ndarray  # (output,) standard deviation of the noise in a line, where L is that of the force
+    power: np.ndarray  # (output,) of s by which each output's form differs from the receptance
+    loss: Loss | None  # what windows took away; None: nothing is known of them
+
+
+class Model(NamedTuple):
+    """Which terms stand in the model."""
+
+    complex_modes: bool
+    remainder: tuple[int, ...]  # powers of s in the receptance
+
+
+class Fit(NamedTuple):
+    """Frequencies and damping, and what follows from them."""
+
+    natural_frequency: np.ndarray  # (mode,) Hz
+    damping_ratio: np.ndarray  # (mode,)
+    linear: tuple[np.ndarray, ...]  # of each test: (output, unknown)
+    cost: float  # squared residual over the noise
+    rows: int  # real numbers fitted
+    unknowns: int
+
+
+class _Projected(NamedTuple):
+    """One test at given poles, whitened and stacked as real rows."""
+
+    basis: np.ndarray  # Q of Phi, (output, row, unknown)
+    triangle: np.ndarray  # R of the scaled Phi
+    scale: np.ndarray  # (output, unknown) of the columns
+    linear: np.ndarray  # (output, unknown)
+    residual: np.ndarray  # (output, row)
+    slope: np.ndarray  # d(Phi linear)/d(ln f_n, ln zeta), (output, row, 2 * mode)
+
+
+def columns(
+    channels: Channels, natural_frequency: np.ndarray, damping_ratio: np.ndarray, model: Model, *, exact: bool = True
+) -> tuple[np.ndarray, np.ndarray]:
+    """Functions of the model, not whitened, and their derivatives by ln f_n and ln zeta.
+
+    Each mode has the column alpha / (s^2 + 2 zeta w s + w^2), and a second one with s in the numerator for complex modes;
+    the remainder has one column for each power of s. Each column stands once for every input that it may belong to.
+
+    exact : False for the frequency response of the structure itself, without the losses of the windows
+    returns complex (output, line, input, unknown) and (2, output, line, input, unknown), the latter without the remainder
+    """
+    m, n = channels.values.shape[2], len(natural_frequency)
+    s, power = channels.s, channels.power
+    p = pole_of(natural_frequency, damping_ratio)
+    value, slope = pole_terms(s, np.concatenate([p, p.conj()]), power, channels.loss if exact else None, m)
+    turn = pole_slopes(natural_frequency, damping_ratio)  # (2, mode)
+
+    def shaped(a: np.ndarray) -> np.ndarray:  # a number for each mode among (output, mode, line, input, input)
+        return a[:, None, None, None]
+
+    gap = shaped(p - p.conj())
+    functions, slopes = [], []
+    for order in range(2 if model.complex_modes else 1):  # p^order phi(p), over the gap
+        weight, weight_slope = p**order, (np.ones(n) if order else np.zeros(n))
+        up, down = value[:, :n], value[:, n:]
+        column = (shaped(weight) * up - shaped(weight.conj()) * down) / gap
+        functions.append(column)
+        own = []
+        for d in turn:
+            rise = shaped(d * weight_slope) * up + shaped(d * weight) * slope[:, :n]
+            sink = shaped((d * weight_slope).conj()) * down + shaped((d * weight).conj()) * slope[:, n:]
+            own.append((rise - sink - shaped(d - d.conj()) * column) / gap)
+        slopes.append(np.stack(own))
+    modal = np.stack(functions, axis=2)  # (output, mode, order, line, source, input)
+    modal_slope = np.stack(slopes, axis=3)
+    rest = np.zeros((len(power), len(model.remainder), len(s), m, m), complex)
+    for k, remainder in enumerate(model.remainder):
+        rest[:, k, :, range(m), range(m)] = (s ** (power[:, None] + remainder))[None]
+    flat = [
+        np.moveaxis(part, (-3, -1, -2), (1, 2, -1)).reshape(len(power), len(s), m, part.shape[1] * m)
+        for part in (modal.reshape(len(power), modal.shape[1] * modal.shape[2], *modal.shape[3:]), rest)
+    ]
+    count = modal.shape[1] * modal.shape[2]
+    flat_slope = np.moveaxis(modal_slope.reshape(2, len(power), count, *modal.shape[3:]), (-3, -1, -2), (2, 3, -1))
+    return np.concatenate(flat, axis=-1), flat_slope.reshape(2, len(power), len(s), m, count * m)
+
+
+def whitened(channels: Channels, matrix: np.ndarray) -> np.ndarray:
+    """H L / sigma with the lines and inputs as real rows.   matrix : (output, line, input, ...)   returns (output, row, ...)"""
+    if channels.root.shape[-1] == 1:
+        scaled = matrix * channels.root[:, 0, 0].reshape(1, -1, 1, *[1] * (matrix.ndim - 3))
+    else:
+        scaled = np.einsum("oli...,lij->olj...", matrix, channels.root)
+    scaled = scaled / channels.noise.reshape(-1, *[1] * (matrix.ndim - 1))
+    rows = scaled.reshape(len(matrix), matrix.shape[1] * matrix.shape[2], *matrix.shape[3:])
+    return np.concatenate([rows.real, rows.imag], axis=1)
+
+
+def _project(channels: Channels, fn: np.ndarray, zeta: np.ndarray, model: Model) -> _Projected:
+    """Solve for the linear unknowns at given poles."""
+    phi, slopes = columns(channels, fn, zeta, model)
+    n, m = len(fn), channels.values.shape[2]
+    a, y = whitened(channels, phi), whitened(channels, channels.values)
+    scale = np.linalg.norm(a, axis=1)
+    scale = np.where(scale > 0, scale, 1.0)
+    q, r = np.linalg.qr(a / scale[:, None, :])
+    z = np.einsum("oru,or->ou", q, y)
+    scaled = np.linalg.solve(r, z[..., None])[..., 0]
+    linear = scaled / scale
+    residual = y - np.einsum("oru,ou->or", q, z)
+    per_mode = (2 if model.complex_modes else 1) * m
+    modal = linear[:, : n * per_mode].reshape(len(linear), n, per_mode)
+    by_mode = slopes.reshape(2, *phi.shape[:3], n, per_mode)
+    moved = np.einsum("kolinu,onu->olikn", by_mode, modal)
+    slope = whitened(channels, moved.reshape(*phi.shape[:3], 2 * n))
+    return _Projected(q, r, scale, linear, residual, slope)
+
+
+def _normal(parts: Sequence[_Projected]) -> tuple[float, np.ndarray, np.ndarray]:
+    """Cost, normal matrix and gradient of the projected problem (Kaufman's Jacobian)."""
+    cost, normal, gradient = 0.0, 0.0, 0.0
+    for part in parts:
+        free = part.slope - part.basis @ (np.swapaxes(part.basis, 1, 2) @ part.slope)
+        flat = free.reshape(-1, free.shape[-1])
+        normal = normal + flat.T @ flat
+        gradient = gradient + flat.T @ part.residual.ravel()
+        cost += float(np.sum(part.residual**2))
+    return cost, np.asarray(normal), np.asarray(gradient)
+
+
+def fit_poles(
+    tests: Sequence[Channels],
+    natural_frequency: np.ndarray,
+    damping_ratio: np.ndarray,
+    model: Model,
+    *,
+    tolerance: float = 1e-9,
+    smallest_step: float = 1e-6,
+    max_steps: int = 60,
+) -> Fit:
+    """Refine poles by Levenberg and Marquardt's damping of the projected Gauss-Newton step.
+
+    tolerance, smallest_step : relative fall of the cost and relative change of a pole that end the search together
+    """
+    fn, zeta = np.array(natural_frequency, float), np.array(damping_ratio, float)
+    parts = [_project(channels, fn, zeta, model) for channels in tests]
+    if len(fn):
+        damping = 1e-4
+        cost, normal, gradient = _normal(parts)
+        for _ in range(max_steps):
+            diagonal = np.maximum(np.diag(normal), 1e-300)
+            step = np.linalg.solve(normal + damping * np.diag(diagonal), gradient)
+            step *= min(1.0, 0.5 / max(np.abs(step).max(), 1e-300))  # half an e-fold a step at most
+            new_fn = fn * np.exp(step[: len(fn)])
+            new_zeta = np.minimum(zeta * np.exp(step[len(fn) :]), LARGEST_DAMPING)
+            tried = [_project(channels, new_fn, new_zeta, model) for channels in tests]
+            new_cost, new_normal, new_gradient = _normal(tried)
+            if new_cost < cost:
+                fallen = 1.0 - new_cost / cost
+                fn, zeta, parts, cost, normal, gradient = new_fn, new_zeta, tried, new_cost, new_normal, new_gradient
+                damping = max(damping / 10.0, 1e-12)
+                if fallen < tolerance and np.abs(step).max() < smallest_step:
+                    break
+            elif np.abs(step).max() < 1e-13 or damping > 1e8:
+                break
+            else:
+                damping = 10.0 * max(damping, 1e-8)
+    order = np.argsort(fn)
+    if (order != np.arange(len(fn))).any():
+        fn, zeta = fn[order], zeta[order]
+        parts = [_project(channels, fn, zeta, model) for channels in tests]
+    return Fit(
+        fn,
+        zeta,
+        tuple(part.linear for part in parts),
+        float(sum(np.sum(part.residual**2) for part in parts)),
+        sum(part.residual.size for part in parts),
+        2 * len(fn) + sum(part.linear.size for part in parts),
+    )
+
+
+def residual_after(tests: Sequence[Channels], fit: Fit, model: Model) -> list[np.ndarray]:
+    """What the model leaves of the values, not whitened.   returns for each test complex (output, line, input)"""
+    left = []
+    for channels, linear in zip(tests, fit.linear, strict=True):
+        phi, _ = columns(channels, fit.natural_frequency, fit.damping_ratio, model)
+        left.append(channels.values - np.einsum("oliu,ou->oli", phi, linear))
+    return left
+
+
+class Sensitivity(NamedTuple):
+    """The Gauss-Newton step at a fit: how its unknowns follow a change of the data."""
+
+    inverse: np.ndarray  # of the projected normal matrix, (2 mode, 2 mode)
+    parts: tuple[_Projected, ...]
+
+    def step(self, changed: Sequence[tuple[int, np.ndarray]]) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+        """Change of the poles and of the linear unknowns, for residuals of some tests that stand in place of the fit's.
+
+        changed : (number of the test, whitened residual (output, row)) at the fitted unknowns
+        returns (2 mode,) of ln f_n then ln zeta, and of each test (output, unknown)
+        """
+        gradient, residuals = np.zeros(len(self.inverse)), [part.residual for part in self.parts]
+        for number, residual in changed:
+            residuals[number] = residual
+        for part, residual in zip(self.parts, residuals, strict=True):
+            along = np.einsum("oru,or->ou", part.basis, residual)
+            free = residual - np.einsum("oru,ou->or", part.basis, along)
+            gradient += np.einsum("ork,or->k", part.slope, free)
+        poles = self.inverse @ gradient
+        linear = []
+        for part, residual in zip(self.parts, residuals, strict=True):
+            left = residual - part.slope @ poles
+            scaled = np.linalg.solve(part.triangle, np.einsum("oru,or->ou", part.basis, left)[..., None])[..., 0]
+            linear.append(scaled / part.scale)
+        return poles, tuple(linear)
+
+
+def sensitivity(tests: Sequence[Channels], fit: Fit, model: Model) -> Sensitivity:
+    """The linearised problem at a fit, for intervals."""
+    parts = tuple(_project(channels, fit.natural_frequency, fit.damping_ratio, model) for channels in tests)
+    normal = _normal(parts)[1]
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    return Sensitivity(np.linalg.pinv(normal / np.outer(scale, scale)) / np.outer(scale, scale), parts)

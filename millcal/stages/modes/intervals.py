@@ -1,0 +1,183 @@
+"""Intervals of modal parameters, from leaving out one hit at a time.
+
+The least-squares covariance knows the noise of the lines, not that of the hits: an error of the force spectrum multiplies
+all responses of a hit at all frequencies alike, so that lines are not independent and the covariance comes out too small.
+The jackknife over hits sees it. Each delete-one estimate is one Gauss-Newton step away from that of all hits, with the
+windows' losses reckoned anew, so that it costs no search.
+
+References
+----------
+Efron, Tibshirani 1993, An Introduction to the Bootstrap, chapter 11.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from millcal.numerics.modal_basis import pole_of, without_hit
+from millcal.numerics.mode_fit import Channels, Fit, Model, Sensitivity, columns, sensitivity, whitened
+from millcal.stages.modes.problem import Problem, Test
+
+FEWEST_HITS = 3  # of a test, for a jackknife
+
+
+class Deviations(NamedTuple):
+    """Rows d whose products add up to the covariance, sum of d d^T, of everything that was fitted."""
+
+    frequency: np.ndarray  # (deviation, mode) Hz
+    damping: np.ndarray  # (deviation, mode)
+    residue: np.ndarray  # (deviation, mode, output, input) s/kg
+    dof: float
+    source: str  # jackknife, least squares, none
+
+
+def deviations(problem: Problem, fit: Fit, model: Model, shape: tuple[int, int]) -> Deviations:
+    """Deviations by hit where every test has hits enough, else by the scatter of the lines.
+
+    shape : number of outputs and inputs of the FRF
+    """
+    known = sensitivity(problem.channels, fit, model)
+    if all(_can_leave_out(test, problem) for test in problem.tests):
+        return _by_hit(problem, fit, model, known, shape)
+    return _by_line(problem, fit, model, known, shape)
+
+
+def _can_leave_out(test: Test, problem: Problem) -> bool:
+    spectra = test.spectra
+    if spectra is None:
+        return False
+    last = problem.lines[-1] - spectra.first_line
+    covered = problem.lines[0] >= spectra.first_line and last < spectra.response.shape[2]
+    return covered and len(spectra.names) >= max(FEWEST_HITS, len(spectra.inputs) + 2)
+
+
+def _by_hit(problem: Problem, fit: Fit, model: Model, known: Sensitivity, shape: tuple[int, int]) -> Deviations:
+    base = residues(problem, fit, model, shape)
+    units: dict[str, list[tuple[int, int]]] = {}  # hit -> tests it stands in, and its place there
+    for number, test in enumerate(problem.tests):
+        for hit, name in enumerate(test.spectra.names):  # type: ignore[union-attr]
+            units.setdefault(name, []).append((number, hit))
+    rows: dict[int, list[tuple[np.ndarray, np.ndarray, np.ndarray]]] = {}
+    for places in units.values():
+        changed = [(number, _residual_without(problem, number, hit, fit, model)) for number, hit in places]
+        moved = _moved(fit, *known.step(changed))
+        residue = residues(problem, moved, model, shape) - base
+        step = (moved.natural_frequency - fit.natural_frequency, moved.damping_ratio - fit.damping_ratio, residue)
+        rows.setdefault(places[0][0], []).append(step)
+    parts, counts = [], []
+    for steps in rows.values():
+        n = len(steps)
+        stacked = [np.stack([step[i] for step in steps]) for i in range(3)]
+        parts.append([np.sqrt((n - 1) / n) * (part - part.mean(axis=0)) for part in stacked])
+        counts.append(n)
+    frequency, damping, residue = (np.concatenate([part[i] for part in parts]) for i in range(3))
+    shares = np.stack([[np.sum(part[i] ** 2, axis=0) for i in (0, 1)] for part in parts])  # (test, 2, mode)
+    freedom = np.array(counts)[:, None, None] - 1
+    welch = shares.sum(axis=0) ** 2 / np.maximum(np.sum(shares**2 / freedom, axis=0), 1e-300)
+    dof = float(np.median(welch)) if welch.size and np.all(shares.sum(axis=0) > 0) else float(min(counts) - 1)
+    return Deviations(frequency, damping, residue, dof, "jackknife")
+
+
+def _residual_without(problem: Problem, number: int, hit: int, fit: Fit, model: Model) -> np.ndarray:
+    """Whitened residual of a test at the fit, once one of its hits is left out.   returns (output, row)"""
+    test = problem.tests[number]
+    channels, spectra, F, P = test.channels, test.spectra, test.force, test.power
+    X = spectra.response[:, :, problem.lines - spectra.first_line]
+    kept = np.arange(len(F)) != hit
+    noise = np.diag(spectra.force_noise / len(F))
+    rest = P - np.einsum("il,jl->lij", F[hit], F[hit].conj()) + noise
+    own = np.arange(rest.shape[1])
+    least = 0.5 * (rest[:, own, own].real + np.diag(noise) * kept.sum())
+    rest[:, own, own] = np.maximum(rest[:, own, own].real, least)
+    cross = np.einsum("hol,hil->oli", X[kept], F[kept].conj())
+    own = np.einsum("ol,il->oli", X[hit], F[hit].conj())
+    inverse, inverse_all = np.linalg.inv(rest), np.linalg.inv(P)
+    change = np.einsum("oli,lij->olj", cross, inverse) - np.einsum("oli,lij->olj", cross + own, inverse_all)
+    loss = without_hit(channels.loss, hit, P @ inverse)
+    left_out = channels._replace(values=channels.values + change, loss=loss)
+    phi, _ = columns(left_out, fit.natural_frequency, fit.damping_ratio, model)
+    model_values = np.einsum("oliu,ou->oli", phi, fit.linear[number])
+    return whitened(channels, left_out.values - model_values)
+
+
+def _moved(fit: Fit, poles: np.ndarray, linear: tuple[np.ndarray, ...]) -> Fit:
+    n = len(fit.natural_frequency)
+    return fit._replace(
+        natural_frequency=fit.natural_frequency * np.exp(poles[:n]),
+        damping_ratio=np.minimum(fit.damping_ratio * np.exp(poles[n:]), 0.99),
+        linear=tuple(a + b for a, b in zip(fit.linear, linear, strict=True)),
+    )
+
+
+def _by_line(problem: Problem, fit: Fit, model: Model, known: Sensitivity, shape: tuple[int, int]) -> Deviations:
+    """Deviations from the scatter of the lines about the model: all there is of one hit, and too small where it misfits."""
+    base = residues(problem, fit, model, shape)
+    freedom = max(fit.rows - fit.unknowns, 1)
+    sd = np.sqrt(fit.cost / freedom)
+    values, vectors = np.linalg.eigh(known.inverse)
+    steps: list[Fit] = []
+    for value, vector in zip(values, vectors.T, strict=True):
+        pole = sd * np.sqrt(max(value, 0.0)) * vector
+        linear = []
+        for part in known.parts:
+            along = np.einsum("oru,or->ou", part.basis, part.slope @ pole)
+            linear.append(-np.linalg.solve(part.triangle, along[..., None])[..., 0] / part.scale)
+        steps.append(_moved(fit, pole, tuple(linear)))
+    still = np.zeros(len(known.inverse))
+    for number, part in enumerate(known.parts):
+        inverse = sd * np.linalg.inv(part.triangle) / part.scale[:, :, None]  # columns are independent deviations
+        for o in range(len(inverse)):
+            for column in inverse[o].T:
+                linear = [np.zeros_like(own) for own in fit.linear]
+                linear[number][o] = column
+                steps.append(_moved(fit, still, tuple(linear)))
+    residue = np.stack([residues(problem, step, model, shape) - base for step in steps])
+    return Deviations(
+        np.stack([step.natural_frequency - fit.natural_frequency for step in steps]),
+        np.stack([step.damping_ratio - fit.damping_ratio for step in steps]),
+        residue,
+        float(freedom),
+        "least squares",
+    )
+
+
+def residues(problem: Problem, fit: Fit, model: Model, shape: tuple[int, int]) -> np.ndarray:
+    """Residues of the receptance at the poles; nan where a pair was not measured.   returns complex (mode, output, input)"""
+    n = len(fit.natural_frequency)
+    p = pole_of(fit.natural_frequency, fit.damping_ratio)
+    out = np.full((n, *shape), np.nan, complex)
+    orders = 2 if model.complex_modes else 1
+    for test, linear in zip(problem.tests, fit.linear, strict=True):
+        m = len(test.columns)
+        own = linear[:, : n * orders * m].reshape(len(linear), n, orders, m)
+        powers = p[:, None] ** np.arange(orders)
+        values = np.einsum("onki,nk->noi", own, powers) / (p - p.conj())[:, None, None]
+        out[np.ix_(range(n), test.rows, test.columns)] = values
+    return out
+
+
+def remainders(problem: Problem, fit: Fit, model: Model, shape: tuple[int, int]) -> np.ndarray:
+    """Coefficients of the remainder in the receptance.   returns (remainder, output, input)"""
+    k = len(model.remainder)
+    out = np.full((k, *shape), np.nan)
+    for test, linear in zip(problem.tests, fit.linear, strict=True):
+        own = linear[:, linear.shape[1] - k * len(test.columns) :].reshape(len(linear), k, -1)
+        out[np.ix_(range(k), test.rows, test.columns)] = own.transpose(1, 0, 2)
+    return out
+
+
+def modelled(problem: Problem, fit: Fit, model: Model, shape: tuple[int, int], *, exact: bool) -> np.ndarray:
+    """The model on the problem's lines, in the forms that were measured.
+
+    exact : True with what the windows lost, as the measured values have it; False for the structure itself, at s = j w
+    returns complex (line, output, input)
+    """
+    out = np.full((len(problem.lines), *shape), np.nan, complex)
+    for test, linear in zip(problem.tests, fit.linear, strict=True):
+        channels: Channels = test.channels
+        if not exact:
+            channels = channels._replace(s=2j * np.pi * problem.frequency)
+        phi, _ = columns(channels, fit.natural_frequency, fit.damping_ratio, model, exact=exact)
+        values = np.einsum("oliu,ou->loi", phi, linear)
+        out[np.ix_(range(len(out)), test.rows, test.columns)] = values
+    return out

@@ -1,0 +1,165 @@
+"""An FRF as the least-squares problem of its modes: the form that was measured, whitened, with what its windows lost.
+
+Each group of hits that was estimated together is one test with its own windows. An FRF of another program says nothing of
+its hits: then its variance gives the weights, or the scatter between neighbouring lines where it has none.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from millcal.data import Frf, HitSpectra
+from millcal.errors import IllPosedError
+from millcal.numerics.mode_fit import Channels
+from millcal.numerics.modal_basis import plan_loss
+from millcal.physics.structure import DERIVATIVES, convert_frf, convert_frf_variance
+
+FEWEST_LINES = 16
+SILENT = 1e-8  # noise below this share of the response is rounding, and says nothing of the weights
+
+
+@dataclass(frozen=True, eq=False)
+class Test:
+    """One test of an FRF: which entries it holds, and what a fit asks of it."""
+
+    channels: Channels
+    rows: tuple[int, ...]  # outputs of the FRF
+    columns: tuple[int, ...]  # inputs
+    spectra: HitSpectra | None = None
+    force: np.ndarray | None = None  # F_h(s), complex (hit, input, line)
+    power: np.ndarray | None = None  # sum of F F^H without its noise, (line, input, input)
+
+    def take(self, values: np.ndarray) -> np.ndarray:
+        """Entries of this test from (line, output, input).   returns (output, line, input)"""
+        return values[:, self.rows][:, :, self.columns].transpose(1, 0, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """All tests of an FRF on the lines of the fit."""
+
+    tests: tuple[Test, ...]
+    lines: np.ndarray  # indices among the lines of the FRF
+    frequency: np.ndarray  # (line,) Hz
+
+    @property
+    def channels(self) -> tuple[Channels, ...]:
+        return tuple(test.channels for test in self.tests)
+
+
+def forms_of(frf: Frf) -> tuple[str, ...]:
+    """The form in which each output was measured; that of the FRF where nothing is known of its hits."""
+    found = dict.fromkeys(frf.outputs, frf.form)
+    for test in frf.tests:
+        found.update(zip(test.outputs, test.forms, strict=True))
+    return tuple(found[output] for output in frf.outputs)
+
+
+def measured_values(frf: Frf, lines: np.ndarray) -> np.ndarray:
+    """Values of some lines in the form each output was measured in.   returns complex (line, output, input)"""
+    values = np.array(frf.values[lines])
+    for row, form in enumerate(forms_of(frf)):
+        if form != frf.form:
+            values[:, row] = convert_frf(frf.frequency[lines], values[:, row], frf.form, form)
+    return values
+
+
+def lines_of(frf: Frf, band: tuple[float, float] | None) -> np.ndarray:
+    """Lines within the band, the usable one when none is given, that hold values."""
+    low, high = band or frf.usable_band
+    measured = np.isfinite(frf.values).any(axis=(1, 2)) & (frf.frequency > 0)
+    lines = np.flatnonzero(measured & (frf.frequency >= low) & (frf.frequency <= high))
+    if len(lines) < FEWEST_LINES:
+        raise IllPosedError(
+            f"modes: {len(lines)} lines between {low:g} and {high:g} Hz; give a band within "
+            f"{frf.frequency[0]:g} to {frf.frequency[-1]:g} Hz, or measure longer"
+        )
+    return lines
+
+
+def stride_of(frf: Frf) -> int:
+    """How many lines may be passed over: lines closer than one over the longest window say nothing new."""
+    if not frf.tests or len(frf.frequency) < 2:
+        return 1
+    points = frf.tests[0].sample_rate / (frf.frequency[1] - frf.frequency[0])
+    longest = max(int((test.window_stop + test.window_fall).max()) for test in frf.tests)
+    return max(1, int(points / longest))
+
+
+def problem_of(frf: Frf, lines: np.ndarray) -> Problem:
+    """The problem on some lines."""
+    frequency = frf.frequency[lines]
+    s = frf.damping_shift + 2j * np.pi * frequency
+    values = measured_values(frf, lines)
+    power = np.array([DERIVATIVES[form] for form in forms_of(frf)])
+    if frf.tests:
+        tests = tuple(_of_hits(frf, spectra, s, values, power) for spectra in frf.tests)
+        return Problem(tests, lines, frequency)
+    return Problem(_of_lines(frf, lines, s, values, power), lines, frequency)
+
+
+def _is_noisy(spectra: HitSpectra) -> bool:
+    size = np.mean(np.abs(spectra.response) ** 2, axis=(0, 2))
+    return bool((spectra.response_noise > SILENT**2 * size).all())
+
+
+def _of_hits(frf: Frf, spectra: HitSpectra, s: np.ndarray, values: np.ndarray, power: np.ndarray) -> Test:
+    rows = tuple(frf.outputs.index(output) for output in spectra.outputs)
+    columns = tuple(frf.inputs.index(given) for given in spectra.inputs)
+    interval = 1.0 / spectra.sample_rate
+    force = force_spectra(spectra, s, frf.frequency)
+    P = np.einsum("hil,hjl->lij", force, force.conj())
+    own = np.arange(len(columns))
+    P[:, own, own] -= np.minimum(spectra.force_noise, 0.5 * P[:, own, own].real)
+    mixing = np.einsum("hil,lij->hjl", force.conj(), np.linalg.inv(P))
+    loss = plan_loss(s, spectra.force, spectra.force_start, spectra.window_stop, spectra.window_fall, mixing, interval)
+    size = np.sqrt(np.mean(np.abs(spectra.response) ** 2, axis=(0, 2)))
+    noise = np.sqrt(spectra.response_noise) if _is_noisy(spectra) else SILENT * size
+    channels = Channels(
+        s, values[:, rows][:, :, columns].transpose(1, 0, 2), np.linalg.cholesky(P), noise, power[list(rows)], loss
+    )
+    return Test(channels, rows, columns, spectra, force, P)
+
+
+def force_spectra(spectra: HitSpectra, s: np.ndarray, frequency: np.ndarray) -> np.ndarray:
+    """Spectra of the pulses, with the record's origin as time zero.
+
+    s : (line,) of the lines wanted   frequency : (frequency,) Hz, all lines of the FRF   returns complex (hit, input, line)
+    """
+    interval = 1.0 / spectra.sample_rate
+    step = frequency[1] - frequency[0]
+    points = round(spectra.sample_rate / step)
+    at = np.rint(s.imag / (2 * np.pi * step)).astype(int)
+    fading = np.exp(-s[0].real * interval * np.arange(spectra.force.shape[2]))
+    plain = np.fft.rfft(spectra.force * fading, points)[:, :, at]
+    return plain * np.exp(-s * interval * spectra.force_start[:, None])[:, None]
+
+
+def _of_lines(frf: Frf, lines: np.ndarray, s: np.ndarray, values: np.ndarray, power: np.ndarray) -> tuple[Test, ...]:
+    """One test for each pair, weighted by what is known of its noise."""
+    tests = []
+    for i in range(len(frf.inputs)):
+        for o in range(len(frf.outputs)):
+            own = values[:, o, i]
+            if not np.isfinite(own).all():
+                continue
+            sd = _deviation(frf, lines, o, i, own)
+            channels = Channels(s, own[None, :, None], 1.0 / sd[:, None, None], np.ones(1), power[[o]], None)
+            tests.append(Test(channels, (o,), (i,)))
+    if not tests:
+        raise IllPosedError("modes: no pair of output and input has values on all lines of the band; narrow the band")
+    return tuple(tests)
+
+
+def _deviation(frf: Frf, lines: np.ndarray, o: int, i: int, values: np.ndarray) -> np.ndarray:
+    """Standard deviation of each line of a pair: from the FRF's variance, or from the scatter about neighbours."""
+    if frf.variance is not None and np.isfinite(frf.variance[lines, o, i]).all():
+        variance = convert_frf_variance(frf.frequency[lines], frf.variance[lines, o, i], frf.form, forms_of(frf)[o])
+    else:  # E|second difference|^2 of white noise is six times its variance
+        bend = np.abs(np.diff(values, 2)) ** 2 / 6.0
+        variance = np.concatenate([bend[:1], bend, bend[-1:]])
+    width = min(len(variance), 31)
+    padded = np.pad(variance, width // 2, mode="edge")
+    smooth = np.convolve(padded, np.ones(width) / width, mode="valid")[: len(variance)]
+    floor = (1e-6 * np.abs(values).max()) ** 2
+    return np.sqrt(np.maximum(smooth, floor))

@@ -1,0 +1,154 @@
+"""How many modes, and where: seeds, then one mode after the other, as long as each earns its unknowns.
+
+A mode is added where it takes most from the residual, then all are refined together. It stays when Schwarz's criterion
+falls and the squared residual by a tenth: the criterion alone never stops on real structures, where what the model cannot
+describe (joints, cables, a little nonlinearity) is far above the noise.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from millcal.numerics.mode_fit import Channels, Fit, Model, fit_poles, residual_after
+from millcal.numerics.pole_search import Poles, groups_of
+
+GAIN = 0.1  # share of the squared residual that a mode must take away
+DAMPINGS = (0.002, 0.007, 0.025, 0.09)  # of the grid of seeds
+NARROWEST = 1e-5  # damping below this is a line of the mains, no mode
+WIDEST = 0.6
+
+
+class Seeds(NamedTuple):
+    """Candidates for one more mode."""
+
+    natural_frequency: np.ndarray  # (seed,) Hz
+    damping_ratio: np.ndarray
+
+
+def seeds_of(poles: Poles, frequency: np.ndarray) -> Seeds:
+    """The groups of stable poles, and a grid for what they missed."""
+    f, z, _ = groups_of(poles)
+    grid = np.geomspace(max(frequency[0], 0.01 * frequency[-1]), frequency[-1], 60)
+    grid_f, grid_z = (axis.ravel() for axis in np.meshgrid(grid, DAMPINGS))
+    return Seeds(np.concatenate([f, grid_f]), np.concatenate([z, grid_z]))
+
+
+def criterion(fit: Fit) -> float:
+    """Schwarz's criterion, smaller is better: of the noise as it is seen, and never below what is known of it."""
+    return fit.rows * float(np.log(max(fit.cost / fit.rows, 1.0))) + fit.unknowns * float(np.log(fit.rows))
+
+
+def strongest(
+    tests: Sequence[Channels], fit: Fit, model: Model, seeds: Seeds, frequency: np.ndarray
+) -> tuple[float, float]:
+    """The seed that takes most from the residual, beside the modes there are.   returns f_n Hz, zeta"""
+    left = residual_after(tests, fit, model)
+    energy = sum(np.sum(np.abs(r) ** 2 / t.noise[:, None, None] ** 2, axis=(0, 2)) * _line_weight(t) for r, t in zip(left, tests, strict=True))  # fmt: skip
+    peaks = np.argsort(-np.asarray(energy))[:24]
+    f = np.concatenate([seeds.natural_frequency, np.repeat(frequency[peaks], len(DAMPINGS))])
+    z = np.concatenate([seeds.damping_ratio, np.tile(DAMPINGS, len(peaks))])
+    gain = np.zeros(len(f))
+    for channels, residual in zip(tests, left, strict=True):
+        s = channels.s
+        for j in range(channels.values.shape[2]):
+            weight = np.abs(channels.root[:, j, j])
+            for d in np.unique(channels.power):
+                mine = channels.power == d
+                gain += _gain(s, weight, int(d), f, z, fit, model, residual[mine][:, :, j] / channels.noise[mine, None])
+    for fn, zeta in zip(fit.natural_frequency, fit.damping_ratio, strict=True):  # not the same mode again
+        gain[np.abs(f / fn - 1.0) < 0.3 * zeta] = 0.0
+    best = int(np.argmax(gain))
+    return float(f[best]), float(z[best])
+
+
+def _line_weight(channels: Channels) -> np.ndarray:
+    return np.mean(np.abs(np.einsum("ljj->lj", channels.root)) ** 2, axis=1)
+
+
+def _gain(
+    s: np.ndarray,
+    weight: np.ndarray,
+    power: int,
+    f: np.ndarray,
+    z: np.ndarray,
+    fit: Fit,
+    model: Model,
+    residual: np.ndarray,
+) -> np.ndarray:
+    """Squared residual that each seed would take, with residues of its own in each channel; losses left aside.
+
+    residual : complex (output, line)   returns (seed,)
+    """
+
+    def modal(fn: np.ndarray, zeta: np.ndarray) -> np.ndarray:
+        w = 2 * np.pi * fn
+        return (weight * s**power)[:, None] / (s[:, None] ** 2 + 2 * zeta * w * s[:, None] + w**2)
+
+    def stacked(a: np.ndarray) -> np.ndarray:
+        return np.concatenate([a.real, a.imag])
+
+    known = [modal(fit.natural_frequency, fit.damping_ratio)]
+    known += [(weight * s ** (power + k))[:, None] for k in model.remainder]
+    a = stacked(np.concatenate(known, axis=1))
+    norm = np.linalg.norm(a, axis=0)
+    basis = np.linalg.qr(a / np.where(norm > 0, norm, 1.0))[0]
+    new = stacked(modal(f, z))
+    new = new / np.linalg.norm(new, axis=0)
+    new -= basis @ (basis.T @ new)
+    size = np.sum(new**2, axis=0)
+    r = stacked((weight * residual).T)
+    return np.where(size > 1e-8, np.sum((new.T @ r) ** 2, axis=1) / np.maximum(size, 1e-8), 0.0)
+
+
+def grow(
+    tests: Sequence[Channels],
+    frequency: np.ndarray,
+    seeds: Seeds,
+    model: Model,
+    *,
+    count: int | None,
+    most: int,
+    start: Sequence[float] = (),
+    refused=lambda fit: False,
+) -> Fit:
+    """Add modes one by one.
+
+    count : how many, whatever the criterion says; None lets it decide, up to `most`
+    start : frequencies in Hz that the user knows; each gets the best damping of a few
+    refused : a fit that cannot be a structure; the mode that led to it is not taken
+    """
+    empty = np.zeros(0)
+    fit = fit_poles(tests, empty, empty, model)
+    for fn in start:
+        fit = min(
+            (_with(tests, fit, model, float(fn), zeta) for zeta in DAMPINGS[1:]),
+            key=lambda tried: tried.cost,
+        )
+    wanted = len(start) if count is None and len(start) else count
+    tired = 0
+    while len(fit.natural_frequency) < (most if wanted is None else wanted):
+        tried = _with(tests, fit, model, *strongest(tests, fit, model, seeds, frequency))
+        if wanted is None:
+            better = criterion(tried) < criterion(fit) and tried.cost < (1 - GAIN) * fit.cost
+            if not better or refused(tried):
+                break
+        elif tried.cost >= fit.cost:
+            tired += 1
+            if tired > 2:
+                break
+        fit = tried
+    return fit
+
+
+def _with(tests: Sequence[Channels], fit: Fit, model: Model, fn: float, zeta: float) -> Fit:
+    """The fit with one mode more, all refined."""
+    return fit_poles(
+        tests,
+        np.append(fit.natural_frequency, fn),
+        np.append(fit.damping_ratio, zeta),
+        model,
+        tolerance=1e-3,
+        smallest_step=1e-3,
+        max_steps=20,
+    )
