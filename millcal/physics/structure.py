@@ -47,6 +47,35 @@ def receptance(frequency: np.ndarray, modes: Iterable[Mode], *, axes: Sequence[s
     return matrix
 
 
+def modal_receptance(
+    frequency: np.ndarray,
+    natural_frequency: np.ndarray,
+    damping_ratio: np.ndarray,
+    residue: np.ndarray,
+    remainder: np.ndarray | None = None,
+    remainder_power: np.ndarray | Sequence[float] = (),
+) -> np.ndarray:
+    """Receptance of modes by their residues, G = sum_r [A_r / (s - p_r) + A_r* / (s - p_r*)] + sum_d R_d s^d at s = j w.
+
+    The poles are p = -zeta w_n + j w_n sqrt(1 - zeta^2); the remainder R stands for the modes outside the band of a fit and
+    means nothing far from it. A power below zero has no value at 0 Hz (nan).
+
+    frequency : (frequency,) Hz   natural_frequency : (mode,) Hz   damping_ratio : (mode,)
+    residue : complex (mode, output, input) s/kg   remainder : (power, output, input)   remainder_power : (power,) d
+    returns complex (frequency, output, input) m/N
+    """
+    frequency = np.asarray(frequency, float)
+    s = 2j * np.pi * frequency
+    w, zeta = 2 * np.pi * np.asarray(natural_frequency, float), np.asarray(damping_ratio, float)
+    pole = w * (-zeta + 1j * np.sqrt(1 - zeta**2))
+    matrix = np.einsum("fm,moi->foi", 1 / (s[:, np.newaxis] - pole), residue)
+    matrix += np.einsum("fm,moi->foi", 1 / (s[:, np.newaxis] - pole.conj()), np.conj(residue))
+    for power, term in zip(remainder_power, () if remainder is None else remainder, strict=True):
+        factor = _derivative_factor(frequency, int(power))
+        matrix += factor[:, np.newaxis, np.newaxis] * term
+    return matrix
+
+
 def convert_frf(frequency: np.ndarray, values: np.ndarray, form: str, to: str) -> np.ndarray:
     """An FRF in another form: times (j w) for each derivative of the displacement; nan where that divides by zero (DC).
 

@@ -9,6 +9,10 @@ FRF. Drawing noisy lines would add the noise a second time to lines that carry i
 crossings is biased low. So the variance goes through the eigenvalue at the limiting frequency to first order
 (`inverse_depth_sd`), centred on the limit of the measured lines, and is normal in 1/b, in which the eigenvalue is linear.
 
+Fitted modes. Their errors move frequencies, damping and residues together and with them the lobes, which no first order at
+one frequency sees; so the limit is solved anew for a few hundred structures drawn from the fit, with the coefficients at their
+mean, and what that moves 1/b by is added to the draws of the coefficients.
+
 The band holds speed by speed: 95 % at each speed, not for the whole curve at once.
 """
 
@@ -22,9 +26,12 @@ from millcal.errors import IllPosedError
 from millcal.physics.cutter import CuttingConditions, engagement
 from millcal.physics.stability.zero_order import Limit, mean_cutting_matrix
 from millcal.stages.stability_coefficients import cutting_draws
-from millcal.stages.stability_tip import Solver, Tip, zero_order_tip
+from millcal.stages.stability_lines import tip_of_lines
+from millcal.stages.stability_modes import tip_of_modes
+from millcal.stages.stability_tip import Solver, Tip
 
 RATIOS = 41  # K_rc / K_tc at which the limit is solved exactly for the band
+STRUCTURES = 400  # draws of fitted modes, at most
 POCKETS = 5  # best speeds told
 
 
@@ -49,7 +56,7 @@ def map_stability(
 ) -> StabilityMap:
     """Limit depth over a range of spindle speeds, the best speeds in it, and the operating point among them.
 
-    dynamics : an FRF with driving points along x and y at one point, or modes along x and y
+    dynamics : an FRF with driving points along x and y at one point, or modes, given along x and y or fitted to such an FRF
     posterior : coefficients, or (K_tc, K_rc) in N/m^2 taken as exact
     diameter, radial_depth, feed_per_tooth : m   spindle_speed : (lowest, highest) rad/s   pitch : (tooth,) rad
     rigid : axes that may be missing from `dynamics`, "x" or "y", because the user knows them to be rigid
@@ -90,10 +97,27 @@ def map_stability(
 
     inverse = None  # of the depth, (member, speed), 1/m
     spread = None if tip.inverse_sd is None else tip.inverse_sd(everywhere, nominal, together)
-    if members > 1 and rng is not None and (draws is not None or spread is not None):
-        inverse = _inverse_depths(tip.solve, cutting, everywhere, together, (ktc, krc), draws, members, progress)
+    if members > 1 and rng is not None and (draws is not None or spread is not None or tip.draws is not None):
+        share = 0.8 if tip.draws is None else 0.2  # of the progress
+        inverse = _inverse_depths(
+            tip.solve,
+            cutting,
+            everywhere,
+            together,
+            (ktc, krc),
+            draws,
+            members,
+            lambda s: progress(0.15 + share * s, "band"),
+        )
         if spread is not None:
             inverse = inverse + rng.standard_normal((len(inverse), 1)) * spread
+        if tip.draws is not None:
+            moved = np.empty((min(members, STRUCTURES), len(everywhere)))
+            for i, solve in enumerate(tip.draws(rng, len(moved))):
+                progress(0.35 + 0.6 * i / len(moved), "band")
+                moved[i] = 1 / solve(everywhere, nominal).depth - 1 / together.depth
+            stronger = 1.0 if draws is None else draws[:, :1] / ktc
+            inverse = inverse + moved[np.arange(len(inverse)) % len(moved)] * stronger
     band = None if inverse is None else np.array([_depth_of(q) for q in np.quantile(inverse, [0.975, 0.025], axis=0)])
 
     n, width = len(speeds), None if feed_per_tooth is None else radial_depth * feed_per_tooth * teeth / (2 * np.pi)
@@ -149,7 +173,7 @@ def _inverse_depths(
     mean: np.ndarray,
     draws: np.ndarray | None,
     members: int,
-    progress: Callable[[float, str], None],
+    progress: Callable[[float], None],
 ) -> np.ndarray:
     """1/b of every draw of the coefficients at every speed.   returns (member, speed) 1/m"""
     if draws is None:
@@ -159,7 +183,7 @@ def _inverse_depths(
     nodes = np.unique(np.quantile(ratio, (1 - np.cos(np.linspace(0, np.pi, RATIOS))) / 2))
     table = np.empty((len(nodes), len(speeds)))  # 1/b for K_tc = that of the mean
     for i, node in enumerate(nodes):
-        progress(0.15 + 0.8 * i / len(nodes), "band")
+        progress(i / len(nodes))
         table[i] = 1 / solve(speeds, cutting(mean[0], mean[0] * node)).depth
     right = np.clip(np.searchsorted(nodes, ratio), 1, max(len(nodes) - 1, 1)) % len(nodes)
     left = np.maximum(right - 1, 0)
@@ -221,7 +245,7 @@ def _band_notices(tip: Tip, speeds: np.ndarray, nominal: np.ndarray, depth: np.n
     notices = []
     if tip.band is None:
         return notices
-    band = f"{tip.band[0]:.0f} to {tip.band[1]:.0f} Hz, the usable band of the FRF"
+    band = f"{tip.band[0]:.0f} to {tip.band[1]:.0f} Hz, {tip.band_of}"
     none = int(np.count_nonzero(np.isinf(depth)))
     if none:
         what = f"{none} of {len(depth)} speeds have no chatter frequency from {band}; what limits them is not shown"
@@ -249,6 +273,16 @@ def _feed_notices(feed_per_tooth: float | None) -> list[Notice]:
             "stability.feed_per_tooth_mm",
         )
     ]
+
+
+def zero_order_tip(dynamics: Frf | Modes, speeds: np.ndarray, teeth: int, rigid: str) -> Tip:
+    """The zero-order method on modes or on the lines of an FRF.
+
+    speeds : rad/s, among them the lowest and the highest that will be asked   rigid : axes that may be missing
+    """
+    if isinstance(dynamics, Modes):
+        return tip_of_modes(dynamics, speeds, teeth, rigid)
+    return tip_of_lines(dynamics, teeth, rigid)
 
 
 METHODS: dict[str, Callable[..., Tip]] = {"zoa": zero_order_tip}

@@ -10,7 +10,7 @@ from millcal.errors import IllPosedError
 from millcal.physics.cutting_force import Kienzle
 from millcal.physics.structure import Mode, convert_frf, convert_frf_variance, receptance
 from millcal.stages.stability import map_stability
-from millcal.stages.stability_tip import tip_receptance
+from millcal.stages.stability_lines import tip_receptance
 
 RPM = 2 * np.pi / 60
 KTC, KRC = 1319.4e6, 788.8e6

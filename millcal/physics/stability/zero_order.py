@@ -82,27 +82,47 @@ def mean_cutting_matrix(ktc: float, krc: float, *, teeth: int, entry: float, lea
 
 
 def dynamics_of_modes(modes: Iterable[Mode], spindle_speed: np.ndarray, teeth: int) -> Dynamics:
-    """The continuous receptance of modes, with a grid about every resonance and from far below to far above all.
-
-    Above all modes the depth grows with the frequency, and one tooth frequency holds a whole lobe: three times the higher
-    of both is beyond the lowest solution of every speed. Modes along z take no part.
+    """The continuous receptance of modes along machine axes, searched as far as they can chatter; those along z take no part.
 
     spindle_speed : (speed,) rad/s, the speeds to be asked
     """
     modes = tuple(mode for mode in modes if mode.axis in ("x", "y"))
-    natural = [mode.natural_frequency for mode in modes]
-    tooth_frequency = np.asarray(spindle_speed) * teeth / (2 * np.pi)
-    low = 0.01 * min([*natural, tooth_frequency.min()])
-    high = 3 * max([*natural, tooth_frequency.max()])
-    half_widths = np.sinh(np.linspace(-5, 5, 241))  # dense at the resonance, +-74 half widths
-    pieces = [np.geomspace(low, high, 2 + int(np.log(high / low) / 0.01))]
-    pieces += [mode.natural_frequency * (1 + mode.damping_ratio * half_widths) for mode in modes]
-    grid = np.unique(np.concatenate(pieces))
-    grid = grid[(grid >= low) & (grid <= high)]
+    natural = np.array([mode.natural_frequency for mode in modes])
+    damping = np.array([mode.damping_ratio for mode in modes])
 
     def at(frequency: np.ndarray) -> np.ndarray:
         return receptance(frequency, modes, axes=("x", "y"))
 
+    return dynamics_of_receptance(at, natural, damping, search_range(natural, spindle_speed, teeth))
+
+
+def search_range(natural_frequency: np.ndarray, spindle_speed: np.ndarray, teeth: int) -> tuple[float, float]:
+    """From far below to far above all modes, Hz.
+
+    Above all modes the depth grows with the frequency, and one tooth frequency holds a whole lobe: three times the higher
+    of both is beyond the lowest solution of every speed.
+    """
+    tooth_frequency = np.asarray(spindle_speed) * teeth / (2 * np.pi)
+    low = 0.01 * min([*natural_frequency, tooth_frequency.min()])
+    return low, 3 * max([*natural_frequency, tooth_frequency.max()])
+
+
+def dynamics_of_receptance(
+    at: Callable[[np.ndarray], np.ndarray],
+    natural_frequency: np.ndarray,
+    damping_ratio: np.ndarray,
+    band: tuple[float, float],
+) -> Dynamics:
+    """A continuous receptance within a band, with a grid about each of its resonances.
+
+    at : frequency (n,) Hz -> complex (n, 2, 2) m/N   natural_frequency, damping_ratio : (mode,) Hz, 1   band : Hz, > 0
+    """
+    low, high = band
+    half_widths = np.sinh(np.linspace(-5, 5, 241))  # dense at the resonance, +-74 half widths
+    pieces = [np.geomspace(low, high, 2 + int(np.log(high / low) / 0.01))]
+    pieces += [f * (1 + zeta * half_widths) for f, zeta in zip(natural_frequency, damping_ratio, strict=True)]
+    grid = np.unique(np.concatenate(pieces))
+    grid = grid[(grid >= low) & (grid <= high)]
     return Dynamics(at, grid, at(grid))
 
 
@@ -213,19 +233,21 @@ class Branches:
     phase: np.ndarray  # (2, frequency): arg m / pi - 1/2, unwrapped
 
 
-def oriented(dynamics: Dynamics, cutting: np.ndarray) -> Branches:
+def oriented(dynamics: Dynamics, cutting: np.ndarray, *, halvings: int = 36) -> Branches:
     """Follow both eigenvalues of the oriented receptance along the grid.
 
     The grid gets a line at each maximum of -Re m, so that between two lines the depth is monotone: then of all crossings
     in a cell the one nearest to its stronger end is the lowest, however many lobes the cell holds. Far weaker maxima, the
     noise between resonances, are left: only at speeds where a cell holds several lobes would they count, and never there.
+
+    halvings : steps in search of each maximum; 36 find it to 3e-8 of a cell, 8 to a fiftieth, which costs the minimum 1e-7
     """
     grid, root, strength, _ = _follow(dynamics.grid, dynamics.on_grid, cutting)
     branches = Branches(dynamics, cutting, grid, root, strength, strength)
     inner = strength[:, 1:-1]
     matters = inner > WEAKEST_PEAK * max(strength.max(), 0.0)
     branch, top = np.nonzero((inner > strength[:, :-2]) & (inner >= strength[:, 2:]) & matters)
-    peaks = _highest(branches, branch, grid[top], grid[top + 2])
+    peaks = _highest(branches, branch, grid[top], grid[top + 2], halvings)
     merged = np.concatenate([grid, peaks])
     order = np.argsort(merged, kind="stable")
     fresh = np.concatenate([dynamics.on_grid, dynamics.at(peaks)])
@@ -270,7 +292,7 @@ def _eigenvalue_near(branches: Branches, branch: np.ndarray, cell: np.ndarray, f
     return np.where(branch == 0, plus, minus)
 
 
-def _highest(branches: Branches, branch: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def _highest(branches: Branches, branch: np.ndarray, low: np.ndarray, high: np.ndarray, steps: int) -> np.ndarray:
     """Frequencies of the maxima of -Re m between low and high, by golden section.   returns (n,) Hz"""
     if not len(branch):
         return np.empty(0)
@@ -282,7 +304,7 @@ def _highest(branches: Branches, branch: np.ndarray, low: np.ndarray, high: np.n
 
     left, right = high - ratio * (high - low), low + ratio * (high - low)
     at_left, at_right = strength(left), strength(right)
-    for _ in range(36):  # the bracket shrinks to 3e-8 of a cell
+    for _ in range(steps):
         falling = at_left > at_right
         low, high = np.where(falling, low, left), np.where(falling, right, high)
         new = np.where(falling, high - ratio * (high - low), low + ratio * (high - low))

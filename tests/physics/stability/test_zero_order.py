@@ -10,6 +10,7 @@ from millcal.physics.stability.zero_order import (
     dynamics_of_lines,
     dynamics_of_modes,
     limit,
+    limit_along,
     limit_of_one_mode,
     mean_cutting_matrix,
     minimum_of_one_mode,
@@ -354,3 +355,12 @@ def test_a_structure_that_nothing_excites_has_no_limit():
         assert np.all(np.isinf(found.depth))
         assert np.all(np.isnan(found.frequency))
         assert np.all(found.lobe == -1)
+
+
+@pytest.mark.parametrize("modes", [WECK, TWO_BY_TWO, ISOTROPIC])
+def test_maxima_found_only_roughly_leave_the_limit_as_it_is_and_the_minimum_to_a_millionth(modes):
+    speeds = np.linspace(1000, 16_000, 100) * RPM
+    dynamics, matrix = dynamics_of_modes(modes, speeds, 2), cutting(1319e6, 788e6, 2, 0.5, "down")
+    fine, rough = (oriented(dynamics, matrix, halvings=steps) for steps in (36, 8))
+    np.testing.assert_allclose(limit_along(speeds, rough, 2).depth, limit_along(speeds, fine, 2).depth, rtol=1e-12)
+    assert absolute_minimum(rough)[0] == pytest.approx(absolute_minimum(fine)[0], rel=1e-6)
