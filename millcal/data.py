@@ -12,7 +12,14 @@ from typing import Any, Literal, Protocol
 import numpy as np
 
 from millcal.physics.cutter import Cutter, CuttingConditions
-from millcal.physics.modal_constants import DrivingConstants, Estimate, driving_constants, interval, mode_shapes
+from millcal.physics.modal_constants import (
+    DrivingConstants,
+    Estimate,
+    driving_constants,
+    interval,
+    interval_by_inverse,
+    mode_shapes,
+)
 
 AXES = ("x", "y", "z")
 
@@ -321,12 +328,16 @@ class Modes(Record):
             self.frequency_estimate, self.damping_estimate, Estimate(sign * residue, sign * deviation)
         )
 
-    def interval(self, estimate: Estimate) -> np.ndarray:
-        """The 95 % interval of something of the modes that is not negative; nan where none is known.
+    def interval(self, estimate: Estimate, *, lowest: float = 0.0) -> np.ndarray:
+        """The 95 % interval of what the fit found, cut at the lowest it can be; nan where none is known.
 
         returns (mode, low and high)
         """
-        return interval(estimate, self.fit.dof if self.fit else 0.0)
+        return interval(estimate, self.fit.dof if self.fit else 0.0, lowest=lowest)
+
+    def interval_by_inverse(self, estimate: Estimate) -> np.ndarray:
+        """The same of k, m or c; infinite at the high end where the mode cannot be told from one that does not move."""
+        return interval_by_inverse(estimate, self.fit.dof if self.fit else 0.0)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -1,7 +1,7 @@
 """What a result says to a reader: a short table of each record, with the numbers of its JSON."""
 
 from collections.abc import Callable, Iterable, Sequence
-from math import isfinite
+from math import floor, isfinite, log10
 from typing import Any
 
 import numpy as np
@@ -98,8 +98,94 @@ def _frf_brief(frf: Frf) -> str:
 
 
 def _modes_text(modes: Modes) -> str:
-    rows = [tuple(mode.values()) for mode in summarise(modes)["modes"]]
-    return table(("axis", "fn Hz", "zeta", "k N/m", "m kg", "c Ns/m"), rows)
+    s = summarise(modes)
+    if modes.fit is None:
+        return table(
+            ("axis", "fn Hz", "zeta", "k N/m", "m kg", "c Ns/m"), [tuple(mode.values()) for mode in s["modes"]]
+        )
+    low, high = s["band_hz"]
+    kind = "complex" if s["complex_modes"] else "real"
+    lines = [f"{len(s['modes'])} {kind} modes from {low:g} to {high:g} Hz, {_residual(s)}"]
+    rows = [
+        (
+            number,
+            mode["axis"],
+            _plus_minus(mode["fn_hz"], mode["fn_hz_ci95"]),
+            _plus_minus(mode["zeta"], mode["zeta_ci95"], 100),
+            _plus_minus(mode["k_N_per_m"], mode["k_N_per_m_ci95"], 1e-6),
+            mode["m_kg"],
+            mode["c_Ns_per_m"],
+        )
+        for number, mode in enumerate(s["modes"], 1)
+    ]
+    first = s["inputs"][0].lstrip("+-")
+    lines.append(table(("", "axis", "fn Hz", "zeta %", f"k N/um at {first}", "m kg", "c Ns/m"), rows))
+    others = [dof for dof in modes.fit.driving_points if dof != first]
+    if others and s["modes"]:
+        at = [[mode["driving"][dof] for dof in others] for mode in s["modes"]]
+        cells = [[_plus_minus(point["k_N_per_m"], point["k_N_per_m_ci95"], 1e-6) for point in row] for row in at]
+        header = ("", *(f"k N/um at {dof}" for dof in others))
+        lines.append(table(header, [(number, *row) for number, row in enumerate(cells, 1)]))
+    lines += [_INTERVALS[s["interval_from"]], *_without_stiffness(s)]
+    return "\n".join(lines)
+
+
+_INTERVALS = {
+    "jackknife": "+- and intervals: 95 %, by leaving out one hit after the other",
+    "least squares": "+- and intervals: 95 %, of the least squares alone; what the model lacks is not in them",
+    "none": "no intervals: a single hit, or an FRF without a variance, cannot tell them",
+}
+
+
+def _residual(s: dict[str, Any]) -> str:
+    """How much of the FRF the modes leave, and where the most."""
+    told = f"residual {_percent(s['residual_relative'])}"
+    single = {f"{o}/{i}": value for o, row in s["residual"].items() for i, value in row.items() if value is not None}
+    if len(single) < 2:
+        return told
+    worst = max(single, key=lambda name: single[name])
+    return f"{told}, the most at {worst}: {_percent(single[worst])}"
+
+
+def _without_stiffness(s: dict[str, Any]) -> list[str]:
+    """Modes whose k is not known where the hammer hits: a number in the table would mean nothing."""
+    points = s["modes"][0]["driving"] if s["modes"] else {}
+    if s["modes"] and not points:
+        outputs, inputs = " ".join(s["outputs"]), " ".join(s["inputs"])
+        return [f"k is not known: no point is both hit ({inputs}) and measured ({outputs}) in one direction"]
+    lines = []
+    for dof in points:
+        missing = [str(n) for n, mode in enumerate(s["modes"], 1) if mode["driving"][dof]["k_N_per_m"] is None]
+        if missing:
+            which = f"mode{'s' if len(missing) > 1 else ''} {', '.join(missing)}"
+            lines.append(f"k at {dof} is not known for {which}, whose constant there is not positive")
+    return lines
+
+
+def _percent(share: float | None) -> str:
+    return "-" if share is None else f"{100 * share:.2g} %"
+
+
+def _plus_minus(value: float | None, bounds: Sequence[float | None] | None, factor: float = 1.0) -> str:
+    """`650.12 +- 0.04`, to the two digits that the half width deserves; a lopsided interval by its ends."""
+    if value is None or bounds is None or bounds[0] is None:
+        return _cell(None if value is None else factor * value)
+    value, low = factor * value, factor * bounds[0]
+    if bounds[1] is None:
+        return f"{_cell(value)} (over {_cell(low)})"
+    high = factor * bounds[1]
+    half = (high - low) / 2
+    if not half > 0:
+        return _cell(value)
+    finest = 6 - floor(log10(value)) if value > 0 else 6
+    decimals = min(1 - floor(log10(half)), finest)
+
+    def rounded(number: float) -> str:
+        return f"{round(number, decimals):.{max(decimals, 0)}f}"
+
+    if abs(value - low - half) < 0.1 * half:
+        return f"{rounded(value)} +- {rounded(half) if half >= 10.0**-finest else f'{half:.1g}'}"
+    return f"{rounded(value)} ({rounded(low)} to {rounded(high)})"
 
 
 def _coefficients_text(fit: Coefficients) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 
 from millcal.data import AXES, Coefficients, CutForce, Frf, Modes, Notice, Posterior, Record, Recording, StabilityMap
 from millcal.io.keys import keys_of
+from millcal.io.modal_summary import summarise_modes
 from millcal.units import SUFFIXES, to_shop
 
 _SHOP = {  # SI unit of a parameter -> its unit on the shop floor: as the key says it, and as it is written
@@ -150,18 +151,6 @@ def _frf(frf: Frf) -> dict[str, Any]:
              "accepted": hit.accepted, "reasons": list(hit.reasons)}
             for hit in frf.hits
         ],
-    }  # fmt: skip
-
-
-def _modes(modes: Modes) -> dict[str, Any]:
-    return {
-        "modes": [
-            {"axis": axis, "fn_hz": float(fn), "zeta": float(zeta), "k_N_per_m": float(k),
-             "m_kg": float(k / (2 * np.pi * fn) ** 2), "c_Ns_per_m": float(2 * zeta * k / (2 * np.pi * fn))}
-            for axis, fn, zeta, k in zip(
-                modes.axes, modes.natural_frequency, modes.damping_ratio, modes.stiffness, strict=True
-            )
-        ]
     }  # fmt: skip
 
 
@@ -318,7 +307,7 @@ _SUMMARIES: dict[type, Callable[[Any], dict[str, Any]]] = {
     Recording: _recording,
     CutForce: _cut_force,
     Frf: _frf,
-    Modes: _modes,
+    Modes: summarise_modes,
     Coefficients: _coefficients,
     StabilityMap: _stability,
 }

@@ -49,16 +49,29 @@ def driving_constants(frequency: Estimate, damping_ratio: Estimate, residue: Est
     )
 
 
-def interval(estimate: Estimate, dof: float, share: float = 0.95) -> np.ndarray:
-    """The interval of a number that is never negative, by Student's t; nan where there are no deviations.
+def interval(estimate: Estimate, dof: float, *, share: float = 0.95, lowest: float = 0.0) -> np.ndarray:
+    """The interval of a number by Student's t, cut where the number cannot be; nan where there are no deviations.
 
-    dof : degrees of freedom behind the deviations   returns (mode, low and high)
+    dof : degrees of freedom behind the deviations   lowest : what the number cannot be below
+    returns (mode, low and high)
     """
     value, deviation = estimate
     if not len(deviation) or not dof > 0:
         return np.full((len(value), 2), np.nan)
     half = student_quantile(dof, share) * np.sqrt(np.sum(deviation**2, axis=0))
-    return np.stack([np.maximum(value - half, 0.0), value + half], axis=1)
+    return np.stack([np.maximum(value - half, lowest), value + half], axis=1)
+
+
+def interval_by_inverse(estimate: Estimate, dof: float, *, share: float = 0.95) -> np.ndarray:
+    """The same of a positive number whose inverse is what was measured: k, m and c of a modal constant.
+
+    The interval is that of 1/k, turned over: symmetric where it is narrow, and without a high end (infinite) where the
+    modal constant cannot be told from zero, as where the mode hardly moves.   returns (mode, low and high)
+    """
+    value, deviation = estimate
+    inverse = interval(Estimate(1 / value, deviation / value**2), dof, share=share)
+    with np.errstate(divide="ignore"):
+        return 1 / inverse[:, ::-1]
 
 
 def mode_shapes(residue: np.ndarray) -> np.ndarray:

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from modal_fits import cut_off, single, six_by_three
 
 from millcal.data import BestSpeed, Channel, Posterior, Recording, StabilityMap
-from millcal.io.readable import brief_of, table, text_of
+from millcal.io.readable import _plus_minus, brief_of, table, text_of
 from millcal.io.summaries import summarise, value_at
 
 
@@ -133,6 +134,105 @@ def test_a_recording_tells_its_channels():
     assert told["duration_s"] == 0.5
     assert told["channels"] == [{"name": "fx", "quantity": "force", "unit": "N", "dof": "tipX"}]
     assert "a.csv" in text_of(recording)
+
+
+def test_modes_given_by_hand_are_told_as_they_were(make_record):
+    modes = make_record("modes")
+    assert summarise(modes) == {
+        "modes": [
+            {"axis": "x", "fn_hz": 900.0, "zeta": 0.01, "k_N_per_m": 1e7, "m_kg": pytest.approx(0.31272, rel=1e-4),
+             "c_Ns_per_m": pytest.approx(35.368, rel=1e-4)}
+        ]
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("made", [six_by_three, single, cut_off])
+def test_fitted_modes_are_json_and_text_without_nan(made):
+    modes = made()
+    assert finite(summarise(modes))
+    assert not re.search(r"\b(nan|inf|None)\b", text_of(modes))
+
+
+def test_a_fitted_mode_is_a_spring_a_mass_and_a_damper_at_every_point_that_is_hit_and_measured():
+    told = summarise(six_by_three())
+    mode = told["modes"][0]
+    w = 2 * np.pi * mode["fn_hz"]
+    assert mode["k_N_per_m"] == pytest.approx(mode["m_kg"] * w**2)
+    assert mode["c_Ns_per_m"] == pytest.approx(2 * mode["zeta"] * mode["m_kg"] * w)
+    assert list(mode["driving"]) == ["tipX", "tipY", "tipZ"]
+    assert {key: mode[key] for key in mode["driving"]["tipX"]} == mode["driving"]["tipX"]
+    for entry in (mode, *mode["driving"].values()):
+        for key in [key for key in entry if key.endswith("_ci95")]:
+            low, high = entry[key]
+            assert 0 <= low < entry[key.removesuffix("_ci95")]
+            assert high is None or high > entry[key.removesuffix("_ci95")]
+    hardly = mode["driving"]["tipZ"]  # as stiff as can be, for all that the hits tell
+    assert hardly["k_N_per_m_ci95"][1] is None
+    wrong = told["modes"][1]["driving"]["tipZ"]
+    assert set(wrong.values()) == {None}
+    assert value_at(told, "modes.0.driving.tipX.k_N_per_m") == mode["k_N_per_m"]
+
+
+def test_a_fit_tells_how_well_it_explains_each_frf():
+    modes = six_by_three()
+    told = summarise(modes)
+    assert told["residual"]["noseX"]["tipY"] == modes.fit.residual[3, 1]
+    assert value_at(told, "residual.noseX.tipY") == modes.fit.residual[3, 1]
+    assert told["band_hz"] == [300.0, 3000.0]
+    assert np.array(told["mac"]) == pytest.approx(modes.fit.mac)
+    assert told["delay_us"]["tipX"] == pytest.approx(12.0)
+    low, high = told["delay_us_ci95"]["tipY"]
+    assert low == pytest.approx(-high)  # no time that the response were late: as likely early
+
+
+def test_a_delay_that_was_not_estimated_is_not_told():
+    assert not [key for key in summarise(cut_off()) if key.startswith("delay")]
+
+
+def test_without_hits_there_are_no_intervals_and_the_text_says_so():
+    modes = single()
+    told = summarise(modes)
+    assert told["interval_from"] == "none"
+    assert all(mode[key] is None for mode in told["modes"] for key in mode if key.endswith("_ci95"))
+    assert "no intervals" in text_of(modes)
+    assert "+-" not in text_of(modes).splitlines()[2]
+
+
+def test_without_a_driving_point_there_is_no_stiffness_and_the_text_says_why():
+    modes = single()
+    apart = replace(modes, fit=replace(modes.fit, outputs=("noseX",)))
+    told = summarise(apart)["modes"][0]
+    assert told["driving"] == {}
+    assert [told[key] for key in ("k_N_per_m", "m_kg", "c_Ns_per_m")] == [None] * 3
+    assert "no point is both hit (tipX) and measured (noseX)" in text_of(apart)
+
+
+def test_a_hammer_that_counts_the_other_way_round_does_not_turn_the_stiffness():
+    modes = six_by_three()
+    turned = replace(
+        modes, fit=replace(modes.fit, outputs=("-tipX", *modes.fit.outputs[1:]), residue=-modes.fit.residue)
+    )
+    told, as_it_was = (summarise(m)["modes"][0]["driving"]["tipX"]["k_N_per_m"] for m in (turned, modes))
+    assert told == as_it_was
+
+
+@pytest.mark.parametrize(
+    ("value", "bounds", "text"),
+    [
+        (650.1234, [650.0, 650.2468], "650.12 +- 0.12"),
+        (650.1234567, [650.1234566, 650.1234568], "650.1235 +- 1e-07"),
+        (35768.0, [26133.0, 56656.0], "36000 (26000 to 57000)"),
+        (3.0, [0.0, 8.0], "3.0 (0.0 to 8.0)"),
+        (1123.0, [458.2, None], "1123 (over 458.2)"),
+        (1.2, None, "1.200"),
+        (None, None, "-"),
+    ],
+)
+def test_a_value_of_a_mode_shows_the_digits_that_its_interval_deserves(value, bounds, text):
+    modes = six_by_three()
+    first = summarise(modes)["modes"][0]
+    assert _plus_minus(first["fn_hz"], first["fn_hz_ci95"]) in text_of(modes)
+    assert _plus_minus(value, bounds) == text
 
 
 SUMMARY = {

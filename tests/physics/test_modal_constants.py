@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from millcal.numerics.jackknife import student_quantile
-from millcal.physics.modal_constants import Estimate, driving_constants, interval, mode_shapes
+from millcal.physics.modal_constants import Estimate, driving_constants, interval, interval_by_inverse, mode_shapes
 from millcal.physics.shaped_modes import ShapedMode, receptance_between
 
 FREQUENCY, DAMPING, STIFFNESS = np.array([60.0, 650.0, 2100.0]), np.array([0.1, 0.03, 0.002]), np.array([4e5, 2e7, 8e7])
@@ -68,6 +68,14 @@ def test_an_interval_is_students_stays_above_zero_and_is_unknown_without_deviati
     assert high == pytest.approx([10 + reach, 1 + 5 * reach])
     assert np.isnan(interval(Estimate(estimate.value, np.empty((0, 2))), 4.0)).all()
     assert np.isnan(interval(estimate, 0.0)).all()
+
+
+def test_an_interval_by_inverse_is_the_plain_one_where_it_is_narrow_and_open_where_the_mode_hardly_moves():
+    narrow = Estimate(np.array([10.0]), np.array([[0.01]]))
+    assert interval_by_inverse(narrow, 9.0) == pytest.approx(interval(narrow, 9.0), rel=1e-5)
+    wide = Estimate(np.array([10.0]), np.array([[10.0]]))  # 1/k = 0.1, half width over 0.1
+    assert interval_by_inverse(wide, np.inf)[0] == pytest.approx([1 / (0.1 + 0.195996), np.inf], rel=1e-5)
+    assert np.isnan(interval_by_inverse(Estimate(wide.value, np.empty((0, 1))), 3.0)).all()
 
 
 @pytest.mark.parametrize("turn", [1.0, -1.0, 1j, np.exp(0.3j)])
