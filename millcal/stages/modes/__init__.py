@@ -212,7 +212,7 @@ def _record(frf: Frf, problem: Problem, lines: np.ndarray, fit: Fit, model: Mode
     alpha = driving_constants(frf, fit, residue)
     pairs = driving_points(frf.outputs, frf.inputs)
     with np.errstate(divide="ignore", invalid="ignore"):
-        stiffness = (2 * np.pi * fit.natural_frequency) ** 2 / alpha if pairs else np.zeros((len(w_d), 0))
+        stiffness = (2 * np.pi * fit.natural_frequency[:, None]) ** 2 / alpha if pairs else np.zeros((len(w_d), 0))
     first = [k for k, (_, i) in enumerate(pairs) if i == 0]
     at_first = stiffness[:, first[0]] if first else np.full(len(w_d), np.nan)
     shapes = _shapes(residue)
