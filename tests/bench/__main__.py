@@ -11,6 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from force import force
+from impact import impact
 from main_job import main_job
 from stability import stability
 from start import start
@@ -20,6 +21,7 @@ SECTIONS = {
     "Text reader": text_reader,
     "Start": start,
     "Force and coefficients": force,
+    "Impact tests": impact,
     "Stability map": stability,
     "Main job": main_job,
 }
