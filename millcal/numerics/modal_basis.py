@@ -51,7 +51,7 @@ def plan_loss(
     loaded = force.any(axis=1)
     last = np.where(loaded.any(axis=1), force.shape[2] - 1 - np.argmax(loaded[:, ::-1], axis=1), 0)
     delay = np.exp(-s * window_stop.T[:, :, None] * interval)
-    falls = tuple((int(fall), window_fall.T == fall) for fall in np.unique(window_fall))
+    falls = tuple((int(fall), fall == window_fall.T) for fall in np.unique(window_fall))
     return Loss(
         force,
         np.maximum(last[:, None] - samples, 0),
@@ -116,7 +116,7 @@ def pole_terms(
     lost = (np.exp(pole.real * loss.reach.min(axis=1)[:, None] * D) > NEGLIGIBLE).any(axis=0)
     if not lost.any():
         return value, slope
-    p, outputs, hits = pole[lost], len(power), len(loss.force)
+    p, hits = pole[lost], len(loss.force)
     fading = np.exp(p[:, None, None] * loss.lag * D)  # (pole, hit, sample)
     start = np.moveaxis(loss.force @ np.moveaxis(fading, 0, -1), -1, 0)  # (pole, hit, input)
     start_slope = np.moveaxis(loss.force @ np.moveaxis(fading * loss.lag * D, 0, -1), -1, 0)

@@ -11,6 +11,7 @@ Guillaume, Verboven, Vanlanduit, Van der Auweraer, Peeters 2003, A poly-referenc
 complex frequency-domain estimator, IMAC XXI.
 """
 
+import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -84,7 +85,7 @@ def search_poles(
 
 def _with_stability(found: list[tuple[int, np.ndarray, np.ndarray]], near_f: float, near_z: float) -> Poles:
     stable = [np.zeros(len(found[0][1]), bool)]
-    for (_, f0, z0), (_, f1, z1) in zip(found[:-1], found[1:], strict=True):
+    for (_, f0, z0), (_, f1, z1) in itertools.pairwise(found):
         close = np.abs(f1[:, None] / f0 - 1.0) < near_f if len(f0) else np.zeros((len(f1), 0), bool)
         close &= np.abs(z1[:, None] / z0 - 1.0) < near_z if len(f0) else True
         stable.append(close.any(axis=1))

@@ -23,6 +23,7 @@ REMAINDER = (-2, 0, 2)  # powers of s: mass below the band, flexibility above it
 ORDERS = tuple(range(2, 17))  # of the stabilisation chart
 COMPLEX_GAIN = 0.5  # share of the squared residual that complex modes must take away
 TURNED = np.radians(15.0)  # phase of a driving point beyond which a mode is not real
+SPLIT = np.radians(40.0)  # and beyond which it is no mode at all
 EXPLAINED = 0.5  # share of the response that a fit must leave at most
 
 Progress = Callable[[float, str], None]
@@ -167,29 +168,39 @@ def _search(
         rival = (
             grown(other) if asked else fit_poles(channels, fit.natural_frequency, fit.damping_ratio, other, max_steps=2)
         )
-        better = criterion(rival) < criterion(fit)
-        if better and rival.cost < COMPLEX_GAIN * fit.cost:
-            fit, model = rival if asked else grown(other), other
+        if criterion(rival) < criterion(fit) and rival.cost < COMPLEX_GAIN * fit.cost:
+            rival = rival if asked else grown(other)
+            if not _gives_power(frf, problem, rival, other):
+                fit, model = rival, other
     return fit_poles(channels, fit.natural_frequency, fit.damping_ratio, model), model
 
 
 def _gives_power(frf: Frf, problem: Problem, fit: Fit, model: Model) -> bool:
-    """Whether a driving point would give power away in one mode while it takes power up in the others."""
-    alpha = driving_constants(frf, fit, residues(problem, fit, model, (len(frf.outputs), len(frf.inputs))))
+    """Whether a driving point would give power away in one mode while it takes power up in the others.
+
+    The constant of a complex mode may turn; by more than `SPLIT` it is a mode split in two whose halves work against each
+    other, which describes a curve and no structure.
+    """
+    alpha = _complex_constants(frf, fit, residues(problem, fit, model, (len(frf.outputs), len(frf.inputs))))
     for constants in alpha.T:  # of one driving point
         size = np.abs(constants) / (fit.natural_frequency**2 * fit.damping_ratio)  # of the resonance
-        sign = np.sign(np.sum(np.sign(constants) * size))
-        if np.any((constants * sign < 0) & (size > 0.02 * size.max())):
+        sign = np.sign(np.sum(np.sign(constants.real) * size))
+        if np.any((np.abs(np.angle(constants * sign)) > SPLIT) & (size > 0.02 * size.max())):
             return True
     return False
 
 
-def driving_constants(frf: Frf, fit: Fit, residue: np.ndarray) -> np.ndarray:
-    """alpha = Re(2j w_d A) of each driving point.   returns (mode, driving point)"""
+def _complex_constants(frf: Frf, fit: Fit, residue: np.ndarray) -> np.ndarray:
+    """2j w_d A of each driving point.   returns complex (mode, driving point)"""
     w_d = 2 * np.pi * fit.natural_frequency * np.sqrt(1 - fit.damping_ratio**2)
     pairs = driving_points(frf.outputs, frf.inputs)
-    alpha = (2j * w_d[:, None, None] * residue).real
-    return np.stack([alpha[:, o, i] for o, i in pairs], axis=1) if pairs else np.zeros((len(w_d), 0))
+    alpha = 2j * w_d[:, None, None] * residue
+    return np.stack([alpha[:, o, i] for o, i in pairs], axis=1) if pairs else np.zeros((len(w_d), 0), complex)
+
+
+def driving_constants(frf: Frf, fit: Fit, residue: np.ndarray) -> np.ndarray:
+    """alpha = Re(2j w_d A) of each driving point.   returns (mode, driving point)"""
+    return _complex_constants(frf, fit, residue).real
 
 
 def driving_points(outputs: Sequence[str], inputs: Sequence[str]) -> list[tuple[int, int]]:
@@ -291,12 +302,14 @@ def _notices(
     """What a user should know before relying on the numbers."""
     notices = []
     if record.residual_relative > EXPLAINED:
-        message = f"the modes leave {100 * record.residual_relative:.0f} % of the FRF unexplained; narrow the band, or see the coherence"
-        notices.append(Notice("poor-fit", message))
+        left = f"{100 * record.residual_relative:.0f} %"
+        notices.append(
+            Notice("poor-fit", f"the modes leave {left} of the FRF unexplained; narrow the band, or see the coherence")
+        )
     for k, (_, i) in enumerate(pairs):
         negative = [f"{fn:.0f}" for fn, a in zip(fit.natural_frequency, alpha[:, k], strict=True) if a <= 0]
         if len(negative) == len(alpha):
-            message = f"every mode gives power to the hammer at {frf.inputs[i]}: a sign is wrong, turn the accelerometer or the hammer"
+            message = f"every mode gives power to the hammer at {frf.inputs[i]}: turn the sign of the accelerometer or the hammer"
             notices.append(Notice("accelerometer-polarity", message))
         elif negative:
             message = f"the driving point {frf.inputs[i]} gives power away at {', '.join(negative)} Hz, which no structure does: "

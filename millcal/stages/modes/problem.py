@@ -10,8 +10,8 @@ import numpy as np
 
 from millcal.data import Frf, HitSpectra
 from millcal.errors import IllPosedError
-from millcal.numerics.mode_fit import Channels
 from millcal.numerics.modal_basis import plan_loss
+from millcal.numerics.mode_fit import Channels
 from millcal.physics.structure import DERIVATIVES, convert_frf, convert_frf_variance
 
 FEWEST_LINES = 16
@@ -152,14 +152,20 @@ def _of_lines(frf: Frf, lines: np.ndarray, s: np.ndarray, values: np.ndarray, po
 
 
 def _deviation(frf: Frf, lines: np.ndarray, o: int, i: int, values: np.ndarray) -> np.ndarray:
-    """Standard deviation of each line of a pair: from the FRF's variance, or from the scatter about neighbours."""
+    """Standard deviation of each line of a pair: from the FRF's variance, or from the scatter about neighbours.
+
+    Either is noisy itself, and the scatter is also large where a resonance bends, so that a power of the frequency is laid
+    through its medians: an accelerometer's white noise falls with the square of the frequency in a receptance.
+    """
+    frequency = frf.frequency[lines]
     if frf.variance is not None and np.isfinite(frf.variance[lines, o, i]).all():
-        variance = convert_frf_variance(frf.frequency[lines], frf.variance[lines, o, i], frf.form, forms_of(frf)[o])
+        variance = convert_frf_variance(frequency, frf.variance[lines, o, i], frf.form, forms_of(frf)[o])
     else:  # E|second difference|^2 of white noise is six times its variance
         bend = np.abs(np.diff(values, 2)) ** 2 / 6.0
         variance = np.concatenate([bend[:1], bend, bend[-1:]])
-    width = min(len(variance), 31)
-    padded = np.pad(variance, width // 2, mode="edge")
-    smooth = np.convolve(padded, np.ones(width) / width, mode="valid")[: len(variance)]
     floor = (1e-6 * np.abs(values).max()) ** 2
-    return np.sqrt(np.maximum(smooth, floor))
+    parts = np.array_split(np.arange(len(lines)), min(12, len(lines) // 4))
+    level = [0.5 * np.log(max(float(np.median(variance[part])), floor)) for part in parts]
+    middle = [np.log(float(np.median(frequency[part]))) for part in parts]
+    slope, offset = np.polyfit(middle, level, 1)
+    return np.exp(offset + slope * np.log(frequency))

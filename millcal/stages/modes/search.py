@@ -44,8 +44,11 @@ def strongest(
 ) -> tuple[float, float]:
     """The seed that takes most from the residual, beside the modes there are.   returns f_n Hz, zeta"""
     left = residual_after(tests, fit, model)
-    energy = sum(np.sum(np.abs(r) ** 2 / t.noise[:, None, None] ** 2, axis=(0, 2)) * _line_weight(t) for r, t in zip(left, tests, strict=True))  # fmt: skip
-    peaks = np.argsort(-np.asarray(energy))[:24]
+    energy = np.zeros(len(frequency))
+    for residual, channels in zip(left, tests, strict=True):
+        share = np.sum(np.abs(residual / channels.noise[:, None, None]) ** 2, axis=(0, 2))
+        energy += share * np.mean(np.abs(np.einsum("ljj->lj", channels.root)) ** 2, axis=1)
+    peaks = np.argsort(-energy)[:24]
     f = np.concatenate([seeds.natural_frequency, np.repeat(frequency[peaks], len(DAMPINGS))])
     z = np.concatenate([seeds.damping_ratio, np.tile(DAMPINGS, len(peaks))])
     gain = np.zeros(len(f))
@@ -60,10 +63,6 @@ def strongest(
         gain[np.abs(f / fn - 1.0) < 0.3 * zeta] = 0.0
     best = int(np.argmax(gain))
     return float(f[best]), float(z[best])
-
-
-def _line_weight(channels: Channels) -> np.ndarray:
-    return np.mean(np.abs(np.einsum("ljj->lj", channels.root)) ** 2, axis=1)
 
 
 def _gain(
