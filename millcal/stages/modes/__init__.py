@@ -16,7 +16,15 @@ from millcal.numerics.mode_fit import Fit, Model, fit_poles
 from millcal.numerics.pole_search import Poles, search_poles
 from millcal.physics.structure import DERIVATIVES, convert_frf
 from millcal.stages.modes.intervals import Deviations, deviations, modelled, remainders, residues
-from millcal.stages.modes.problem import Problem, forms_of, lines_of, measured_values, problem_of, stride_of
+from millcal.stages.modes.problem import (
+    FEWEST_LINES,
+    Problem,
+    forms_of,
+    lines_of,
+    measured_values,
+    problem_of,
+    stride_of,
+)
 from millcal.stages.modes.search import criterion, grow, seeds_of
 
 REMAINDER = (-2, 0, 2)  # powers of s: mass below the band, flexibility above it, and its rise towards the next mode
@@ -24,6 +32,8 @@ ORDERS = tuple(range(2, 17))  # of the stabilisation chart
 COMPLEX_GAIN = 0.5  # share of the squared residual that complex modes must take away
 TURNED = np.radians(15.0)  # phase of a driving point beyond which a mode is not real
 SPLIT = np.radians(40.0)  # and beyond which it is no mode at all
+ALIKE = 0.9  # of two close modes: they are one
+OVERDAMPED = 0.5  # damping ratio of what is no resonance
 EXPLAINED = 0.5  # share of the response that a fit must leave at most
 
 Progress = Callable[[float, str], None]
@@ -63,7 +73,9 @@ def fit_modes(
     poles = _chart(frf, problem)
     powers = (*REMAINDER, 4)[: 3 if remainder is None else remainder]
     progress(0.3, "modes")
-    fit, model = _search(frf, problem, poles, powers, modes, near, complex_modes, most)
+    coarse = problem_of(frf, problem.lines[:: _thinning(problem, poles)])
+    fit, model = _search(frf, coarse, poles, powers, modes, near, complex_modes, most)
+    fit = fit_poles(problem.channels, fit.natural_frequency, fit.damping_ratio, model)  # to the last digit
     if not len(fit.natural_frequency):
         raise IllPosedError(
             f"modes: no mode stands out of the noise between {problem.frequency[0]:g} and {problem.frequency[-1]:g} Hz; "
@@ -124,10 +136,19 @@ def _chart(frf: Frf, problem: Problem) -> Poles:
         channels = test.channels
         size = np.abs(np.einsum("ljj->lj", channels.root))
         block = size[None] / channels.noise[:, None, None] / channels.values.shape[1] ** 0.5
-        weight[np.ix_(range(len(weight)), test.rows, test.columns)] = block.transpose(1, 0, 2)
+        test.put(weight, block.transpose(1, 0, 2))
     values = np.where(weight > 0, np.nan_to_num(values), 0.0)
     orders = [order for order in ORDERS if 3 * order < len(problem.lines)]
     return search_poles(problem.frequency, values, weight / max(weight.max(), 1e-300), orders)
+
+
+def _thinning(problem: Problem, poles: Poles) -> int:
+    """Every how many lines will do for the search: two within half the width of the narrowest stable pole."""
+    if not poles.stable.any() or len(problem.lines) < 2 * FEWEST_LINES:
+        return 1
+    narrowest = float((poles.frequency * poles.damping)[poles.stable].min())
+    spacing = float(problem.frequency[1] - problem.frequency[0])
+    return int(np.clip(narrowest / (2 * spacing), 1, max(1, len(problem.lines) // 200)))
 
 
 def _search(
@@ -140,54 +161,62 @@ def _search(
     complex_modes: bool | None,
     most: int,
 ) -> tuple[Fit, Model]:
-    """Real modes, and complex ones where asked for or where the data ask for them; then refined to the last digit."""
+    """Real modes, and complex ones where asked for or where the data ask for them."""
     seeds = seeds_of(poles, problem.frequency)
     channels = problem.channels
-    refusals: list[Fit] = []
 
-    def refused(model: Model) -> Callable[[Fit], bool]:
-        def gives_power(fit: Fit) -> bool:
-            bad = _gives_power(frf, problem, fit, model)
-            if bad:
-                refusals.append(fit)
-            return bad
-
-        return gives_power
-
-    def grown(model: Model, most: int = most) -> Fit:
+    def grown(model: Model) -> tuple[Fit, bool]:
         return grow(
             channels, problem.frequency, seeds, model,
-            count=count, most=most, start=near, refused=refused(model),
+            count=count, most=most, start=near, possible=lambda fit: _is_possible(frf, problem, fit, model),
         )  # fmt: skip
 
     model = Model(bool(complex_modes), powers)
-    fit = grown(model)
+    fit, held_back = grown(model)
     if complex_modes is None and len(fit.natural_frequency):
         other = Model(True, powers)
-        asked = bool(refusals)
-        rival = (
-            grown(other) if asked else fit_poles(channels, fit.natural_frequency, fit.damping_ratio, other, max_steps=2)
-        )
-        if criterion(rival) < criterion(fit) and rival.cost < COMPLEX_GAIN * fit.cost:
-            rival = rival if asked else grown(other)
-            if not _gives_power(frf, problem, rival, other):
+        rival = fit_poles(channels, fit.natural_frequency, fit.damping_ratio, other, max_steps=2)
+        if held_back or _asks_for(rival, fit):
+            rival, _ = grown(other)
+            if _asks_for(rival, fit) and _is_possible(frf, problem, rival, other):
                 fit, model = rival, other
-    return fit_poles(channels, fit.natural_frequency, fit.damping_ratio, model), model
+    return fit, model
 
 
-def _gives_power(frf: Frf, problem: Problem, fit: Fit, model: Model) -> bool:
-    """Whether a driving point would give power away in one mode while it takes power up in the others.
+def _asks_for(rival: Fit, fit: Fit) -> bool:
+    """Whether complex modes earn their unknowns."""
+    return criterion(rival) < criterion(fit) and rival.cost < COMPLEX_GAIN * fit.cost
 
-    The constant of a complex mode may turn; by more than `SPLIT` it is a mode split in two whose halves work against each
-    other, which describes a curve and no structure.
+
+def _is_possible(frf: Frf, problem: Problem, fit: Fit, model: Model) -> bool:
+    """Whether the modes can be those of a structure, and not terms that describe a curve.
+
+    No mode is as good as gone after one swing. No two modes lie within half a width of their resonances and move alike: one
+    with a joint that rattles or a stiffness that changes looks like that. And in no mode does a driving point give power
+    away while it takes power up in the others; the constant of a complex mode may turn, but not by more than `SPLIT`.
     """
-    alpha = _complex_constants(frf, fit, residues(problem, fit, model, (len(frf.outputs), len(frf.inputs))))
-    for constants in alpha.T:  # of one driving point
-        size = np.abs(constants) / (fit.natural_frequency**2 * fit.damping_ratio)  # of the resonance
+    residue = residues(problem, fit, model, (len(frf.outputs), len(frf.inputs)))
+    fn, zeta = fit.natural_frequency, fit.damping_ratio
+    if (zeta > OVERDAMPED).any():
+        return False
+    apart = np.abs(fn[:, None] - fn) / (zeta * fn + (zeta * fn)[:, None])
+    alike = mac_of(residue) > ALIKE
+    if np.triu((apart < 0.5) & alike, 1).any():
+        return False
+    for constants in _complex_constants(frf, fit, residue).T:  # of one driving point
+        size = np.abs(constants) / (fn**2 * zeta)  # of the resonance
         sign = np.sign(np.sum(np.sign(constants.real) * size))
         if np.any((np.abs(np.angle(constants * sign)) > SPLIT) & (size > 0.02 * size.max())):
-            return True
-    return False
+            return False
+    return True
+
+
+def mac_of(residue: np.ndarray) -> np.ndarray:
+    """Modal assurance criterion of whole residue matrices: modes alike in where they are seen and in what excites them.
+
+    residue : complex (mode, output, input), nan where nothing was measured   returns (mode, mode)
+    """
+    return _mac(np.nan_to_num(residue).reshape(len(residue), -1))
 
 
 def _complex_constants(frf: Frf, fit: Fit, residue: np.ndarray) -> np.ndarray:

@@ -148,11 +148,11 @@ def residues(problem: Problem, fit: Fit, model: Model, shape: tuple[int, int]) -
     out = np.full((n, *shape), np.nan, complex)
     orders = 2 if model.complex_modes else 1
     for test, linear in zip(problem.tests, fit.linear, strict=True):
-        m = len(test.columns)
+        m = test.channels.values.shape[2]
         own = linear[:, : n * orders * m].reshape(len(linear), n, orders, m)
         powers = p[:, None] ** np.arange(orders)
         values = np.einsum("onki,nk->noi", own, powers) / (p - p.conj())[:, None, None]
-        out[np.ix_(range(n), test.rows, test.columns)] = values
+        test.put(out, values)
     return out
 
 
@@ -161,8 +161,9 @@ def remainders(problem: Problem, fit: Fit, model: Model, shape: tuple[int, int])
     k = len(model.remainder)
     out = np.full((k, *shape), np.nan)
     for test, linear in zip(problem.tests, fit.linear, strict=True):
-        own = linear[:, linear.shape[1] - k * len(test.columns) :].reshape(len(linear), k, -1)
-        out[np.ix_(range(k), test.rows, test.columns)] = own.transpose(1, 0, 2)
+        m = test.channels.values.shape[2]
+        own = linear[:, linear.shape[1] - k * m :].reshape(len(linear), k, m)
+        test.put(out, own.transpose(1, 0, 2))
     return out
 
 
@@ -179,5 +180,5 @@ def modelled(problem: Problem, fit: Fit, model: Model, shape: tuple[int, int], *
             channels = channels._replace(s=2j * np.pi * problem.frequency)
         phi, _ = columns(channels, fit.natural_frequency, fit.damping_ratio, model, exact=exact)
         values = np.einsum("oliu,ou->loi", phi, linear)
-        out[np.ix_(range(len(out)), test.rows, test.columns)] = values
+        test.put(out, values)
     return out

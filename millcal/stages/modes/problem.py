@@ -23,15 +23,15 @@ class Test:
     """One test of an FRF: which entries it holds, and what a fit asks of it."""
 
     channels: Channels
-    rows: tuple[int, ...]  # outputs of the FRF
-    columns: tuple[int, ...]  # inputs
+    rows: np.ndarray  # outputs of the FRF, (output, 1)
+    columns: np.ndarray  # inputs, (1, input); or (output, 1) where each of the test's outputs is a pair of its own
     spectra: HitSpectra | None = None
     force: np.ndarray | None = None  # F_h(s), complex (hit, input, line)
     power: np.ndarray | None = None  # sum of F F^H without its noise, (line, input, input)
 
-    def take(self, values: np.ndarray) -> np.ndarray:
-        """Entries of this test from (line, output, input).   returns (output, line, input)"""
-        return values[:, self.rows][:, :, self.columns].transpose(1, 0, 2)
+    def put(self, matrix: np.ndarray, values: np.ndarray) -> None:
+        """Write values (..., output, input) of this test to their places in a matrix (..., output, input) of the FRF."""
+        matrix[..., self.rows, self.columns] = values
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,7 @@ def problem_of(frf: Frf, lines: np.ndarray) -> Problem:
     if frf.tests:
         tests = tuple(_of_hits(frf, spectra, s, values, power) for spectra in frf.tests)
         return Problem(tests, lines, frequency)
-    return Problem(_of_lines(frf, lines, s, values, power), lines, frequency)
+    return Problem((_of_lines(frf, lines, s, values, power),), lines, frequency)
 
 
 def _is_noisy(spectra: HitSpectra) -> bool:
@@ -118,7 +118,7 @@ def _of_hits(frf: Frf, spectra: HitSpectra, s: np.ndarray, values: np.ndarray, p
     channels = Channels(
         s, values[:, rows][:, :, columns].transpose(1, 0, 2), np.linalg.cholesky(P), noise, power[list(rows)], loss
     )
-    return Test(channels, rows, columns, spectra, force, P)
+    return Test(channels, np.array(rows)[:, None], np.array(columns)[None], spectra, force, P)
 
 
 def force_spectra(spectra: HitSpectra, s: np.ndarray, frequency: np.ndarray) -> np.ndarray:
@@ -135,27 +135,27 @@ def force_spectra(spectra: HitSpectra, s: np.ndarray, frequency: np.ndarray) -> 
     return plain * np.exp(-s * interval * spectra.force_start[:, None])[:, None]
 
 
-def _of_lines(frf: Frf, lines: np.ndarray, s: np.ndarray, values: np.ndarray, power: np.ndarray) -> tuple[Test, ...]:
-    """One test for each pair, weighted by what is known of its noise."""
-    tests = []
-    for i in range(len(frf.inputs)):
-        for o in range(len(frf.outputs)):
-            own = values[:, o, i]
-            if not np.isfinite(own).all():
-                continue
-            sd = _deviation(frf, lines, o, i, own)
-            channels = Channels(s, own[None, :, None], 1.0 / sd[:, None, None], np.ones(1), power[[o]], None)
-            tests.append(Test(channels, (o,), (i,)))
-    if not tests:
+def _of_lines(frf: Frf, lines: np.ndarray, s: np.ndarray, values: np.ndarray, power: np.ndarray) -> Test:
+    """All pairs as one test, each pair a channel of its own, weighted by what is known of its noise."""
+    rows, columns = np.nonzero(np.isfinite(values).all(axis=0))
+    if not len(rows):
         raise IllPosedError("modes: no pair of output and input has values on all lines of the band; narrow the band")
-    return tuple(tests)
+    frequency = frf.frequency[lines]
+    noise = [_noise(frf, lines, o, i, values[:, o, i]) for o, i in zip(rows, columns, strict=True)]
+    slope = float(np.mean([own for own, _ in noise]))
+    middle = np.exp(np.mean(np.log(frequency)))
+    root = ((frequency / middle) ** -slope)[:, None, None]
+    level = np.array([own for _, own in noise])
+    channels = Channels(s, values[:, rows, columns].T[:, :, None], root, level, power[rows], None)
+    return Test(channels, rows[:, None], columns[:, None])
 
 
-def _deviation(frf: Frf, lines: np.ndarray, o: int, i: int, values: np.ndarray) -> np.ndarray:
-    """Standard deviation of each line of a pair: from the FRF's variance, or from the scatter about neighbours.
+def _noise(frf: Frf, lines: np.ndarray, o: int, i: int, values: np.ndarray) -> tuple[float, float]:
+    """Noise of the lines of a pair: from the FRF's variance, or from the scatter about neighbours.
 
     Either is noisy itself, and the scatter is also large where a resonance bends, so that a power of the frequency is laid
     through its medians: an accelerometer's white noise falls with the square of the frequency in a receptance.
+    returns the power, and the standard deviation at the middle of the band
     """
     frequency = frf.frequency[lines]
     if frf.variance is not None and np.isfinite(frf.variance[lines, o, i]).all():
@@ -166,6 +166,6 @@ def _deviation(frf: Frf, lines: np.ndarray, o: int, i: int, values: np.ndarray) 
     floor = (1e-6 * np.abs(values).max()) ** 2
     parts = np.array_split(np.arange(len(lines)), min(12, len(lines) // 4))
     level = [0.5 * np.log(max(float(np.median(variance[part])), floor)) for part in parts]
-    middle = [np.log(float(np.median(frequency[part]))) for part in parts]
-    slope, offset = np.polyfit(middle, level, 1)
-    return np.exp(offset + slope * np.log(frequency))
+    middle = np.array([np.log(float(np.median(frequency[part]))) for part in parts])
+    slope, offset = np.polyfit(middle - np.mean(np.log(frequency)), level, 1)
+    return float(slope), float(np.exp(offset))

@@ -5,7 +5,7 @@ falls and the squared residual by a tenth: the criterion alone never stops on re
 describe (joints, cables, a little nonlinearity) is far above the noise.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,8 +15,7 @@ from millcal.numerics.pole_search import Poles, groups_of
 
 GAIN = 0.1  # share of the squared residual that a mode must take away
 DAMPINGS = (0.002, 0.007, 0.025, 0.09)  # of the grid of seeds
-NARROWEST = 1e-5  # damping below this is a line of the mains, no mode
-WIDEST = 0.6
+PATIENCE = 3  # modes that may be added past a fit that is possible
 
 
 class Seeds(NamedTuple):
@@ -109,13 +108,15 @@ def grow(
     count: int | None,
     most: int,
     start: Sequence[float] = (),
-    refused=lambda fit: False,
-) -> Fit:
+    possible: Callable[[Fit], bool] = lambda fit: True,
+) -> tuple[Fit, bool]:
     """Add modes one by one.
 
     count : how many, whatever the criterion says; None lets it decide, up to `most`
     start : frequencies in Hz that the user knows; each gets the best damping of a few
-    refused : a fit that cannot be a structure; the mode that led to it is not taken
+    possible : whether a fit can be a structure. With too few modes a good one may not look like it, so that growth goes on
+        past what is impossible, but ends at the last fit that is not
+    returns the fit, and whether the data would have borne more modes, were they possible
     """
     empty = np.zeros(0)
     fit = fit_poles(tests, empty, empty, model)
@@ -124,20 +125,19 @@ def grow(
             (_with(tests, fit, model, float(fn), zeta) for zeta in DAMPINGS[1:]),
             key=lambda tried: tried.cost,
         )
-    wanted = len(start) if count is None and len(start) else count
-    tired = 0
-    while len(fit.natural_frequency) < (most if wanted is None else wanted):
+    if count is not None or len(start):
+        while len(fit.natural_frequency) < (count or 0):
+            fit = _with(tests, fit, model, *strongest(tests, fit, model, seeds, frequency))
+        return fit, False
+    taken = fit
+    while len(fit.natural_frequency) < min(most, len(taken.natural_frequency) + PATIENCE):
         tried = _with(tests, fit, model, *strongest(tests, fit, model, seeds, frequency))
-        if wanted is None:
-            better = criterion(tried) < criterion(fit) and tried.cost < (1 - GAIN) * fit.cost
-            if not better or refused(tried):
-                break
-        elif tried.cost >= fit.cost:
-            tired += 1
-            if tired > 2:
-                break
+        if not (criterion(tried) < criterion(fit) and tried.cost < (1 - GAIN) * fit.cost):
+            break
         fit = tried
-    return fit
+        if possible(fit):
+            taken = fit
+    return taken, taken is not fit
 
 
 def _with(tests: Sequence[Channels], fit: Fit, model: Model, fn: float, zeta: float) -> Fit:
