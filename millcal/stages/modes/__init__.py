@@ -13,7 +13,7 @@ import numpy as np
 from millcal.data import Frf, ModalFit, Modes, Notice
 from millcal.errors import IllPosedError
 from millcal.numerics.mode_fit import Fit, Model, fit_poles
-from millcal.numerics.pole_search import Poles, search_poles
+from millcal.numerics.pole_search import Poles, groups_of, search_poles
 from millcal.physics.structure import DERIVATIVES, convert_frf
 from millcal.stages.modes.intervals import Deviations, deviations, modelled, remainders, residues
 from millcal.stages.modes.problem import (
@@ -29,6 +29,7 @@ from millcal.stages.modes.search import criterion, grow, seeds_of
 
 REMAINDER = (-2, 0, 2)  # powers of s: mass below the band, flexibility above it, and its rise towards the next mode
 ORDERS = tuple(range(2, 17))  # of the stabilisation chart
+SURE = 4  # orders that have a pole which is no accident
 COMPLEX_GAIN = 0.5  # share of the squared residual that complex modes must take away
 TURNED = np.radians(15.0)  # phase of a driving point beyond which a mode is not real
 SPLIT = np.radians(40.0)  # and beyond which it is no mode at all
@@ -143,10 +144,12 @@ def _chart(frf: Frf, problem: Problem) -> Poles:
 
 
 def _thinning(problem: Problem, poles: Poles) -> int:
-    """Every how many lines will do for the search: two within half the width of the narrowest stable pole."""
-    if not poles.stable.any() or len(problem.lines) < 2 * FEWEST_LINES:
+    """Every how many lines will do for the search: two within half the width of the narrowest pole that several orders have."""
+    frequency, damping, count = groups_of(poles)
+    sure = count >= SURE
+    if not sure.any():
         return 1
-    narrowest = float((poles.frequency * poles.damping)[poles.stable].min())
+    narrowest = float((frequency * damping)[sure].min())
     spacing = float(problem.frequency[1] - problem.frequency[0])
     return int(np.clip(narrowest / (2 * spacing), 1, max(1, len(problem.lines) // 200)))
 
