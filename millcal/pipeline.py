@@ -2,10 +2,11 @@
 
     cuts -> conditioning ----------------> coefficients -> stability -> report
     hits on the dynamometer -> sensor ----------^             |
-    impact tests -> frf (or modes by hand) -------------------^
+    impact tests -> frf -> modes (or modes by hand) ----------^
 
-A recipe may leave stages out; what is left out for a reason of the recipe is said in a notice. The folder takes its
-place as a whole at the end (`io.replacing`), so that a run that is killed leaves the old result or none.
+A recipe may leave stages out; what is left out for a reason of the recipe is said in a notice. The map stands on the FRF,
+as it was measured and with its noise, unless its window or the record's end has bent it, or the recipe says otherwise. The
+folder takes its place as a whole at the end (`io.replacing`), so that a run that is killed leaves the old result or none.
 """
 
 import json
@@ -31,6 +32,7 @@ from millcal.report.page import render
 from millcal.stages.coefficients import fit_coefficients
 from millcal.stages.conditioning import condition_cut
 from millcal.stages.frf import estimate_frf
+from millcal.stages.modes import fit_modes
 from millcal.stages.stability import map_stability
 
 Progress = Callable[[float, str], None]  # share done in 0..1, what is being done
@@ -88,7 +90,8 @@ def _stages(recipe: Recipe, seed: int, progress: Progress) -> tuple[dict[str, An
     recordings: list[dict[str, Any]] = []
     notices: list[Notice] = []
     taken: list[tuple[float, float]] = [
-        (0.0, 0.55),
+        (0.0, 0.45),
+        (0.45, 0.55),
         (0.55, 0.7),
         (0.7, 0.8),
         (0.8, 0.9),
@@ -99,20 +102,21 @@ def _stages(recipe: Recipe, seed: int, progress: Progress) -> tuple[dict[str, An
         results["cuts"] = _cuts(recipe, _part(progress, *taken[0]), recordings, notices)
     if recipe.impact:
         results["frf"] = _frf(recipe.impact, recipe.frf, _part(progress, *taken[1]), recordings, notices)
+        _modes(recipe, results, _part(progress, *taken[2]), notices)
     elif recipe.structure:
         results["modes"] = recipe.structure.modes
     if recipe.sensor_test:
         tests = recipe.sensor_test
         results["sensor"] = _frf(
-            tests, tests.frf, _part(progress, *taken[2]), recordings, notices, form="transmissibility"
+            tests, tests.frf, _part(progress, *taken[3]), recordings, notices, form="transmissibility"
         )
     if recipe.cuts:
-        progress(taken[3][0], "coefficients")
+        progress(taken[4][0], "coefficients")
         sensor = read_result(recipe.sensor, Frf) if recipe.sensor else results.get("sensor")
         results["coefficients"] = fit_coefficients(results["cuts"], sensor=sensor, **recipe.coefficients.arguments())
         notices += results["coefficients"].notices
     if recipe.stability:
-        dynamics = results.get("frf") or results.get("modes")
+        dynamics = _dynamics(recipe, results, notices)
         reason = _why_no_map(results.get("coefficients"), dynamics)
         if reason:
             notices.append(Notice("no-stability-map", reason, recipe.where("stability")))
@@ -122,7 +126,7 @@ def _stages(recipe: Recipe, seed: int, progress: Progress) -> tuple[dict[str, An
                 results["coefficients"].posterior,
                 **_map_arguments(recipe, results["coefficients"]),
                 rng=np.random.default_rng(seed),
-                progress=_part(progress, *taken[4]),
+                progress=_part(progress, *taken[5]),
             )
             notices += results["stability"].notices
             if results["coefficients"].verdict != "fits":
@@ -172,6 +176,37 @@ def _frf(
     return frf
 
 
+def _modes(recipe: Recipe, results: dict[str, Any], progress: Progress, notices: list[Notice]) -> None:
+    """Fit modes to the FRF; where there are none to fit the FRF is still worth its report."""
+    if not recipe.modes.fit:
+        return
+    try:
+        results["modes"] = fit_modes(results["frf"], progress=progress, **recipe.modes.arguments())
+    except IllPosedError as problem:
+        reason = f"none could be fitted: {str(problem).removeprefix('modes: ')}"
+        notices.append(Notice("no-modes", reason, recipe.where("modes")))
+    else:
+        notices += results["modes"].notices
+
+
+def _dynamics(recipe: Recipe, results: Mapping[str, Any], notices: list[Notice]) -> Frf | Modes | None:
+    """What the map stands on: as the recipe says, else the FRF where nothing has bent it."""
+    frf, modes, wanted = results.get("frf"), results.get("modes"), recipe.stability.dynamics
+    if wanted == "modes" or frf is None:
+        return modes
+    if wanted == "frf" or modes is None:
+        return frf
+    if frf.damping_shift:
+        why = "an exponential window added damping to the FRF"
+    elif any(notice.code == "truncated" for notice in frf.notices):
+        why = "the record of the FRF ended before the structure came to rest"
+    else:
+        return frf
+    what = f"the map stands on the modes, because {why}; stability.dynamics chooses"
+    notices.append(Notice("map-from-modes", what, recipe.where("stability"), "note"))
+    return modes
+
+
 def _note(recording: Recording, path: Path, recordings: list, notices: list[Notice]) -> None:
     """Keep what a recording is, not its samples."""
     recordings.append({**summarise(recording), "path": path.as_posix()})
@@ -183,7 +218,9 @@ def _why_no_map(coefficients: Coefficients | None, dynamics: Frf | Modes | None)
     if coefficients is None:
         return "no map, because no cuts give coefficients; add [[cuts]]"
     if dynamics is None:
-        return "no map, because the dynamics are unknown; add [impact] recordings or [[structure.modes]]"
+        return (
+            "no map, because the dynamics are unknown; add [impact] recordings that show modes, or [[structure.modes]]"
+        )
     if not coefficients.posterior.mean[0] > 0:
         name = coefficients.posterior.names[0]
         return f"no map, because {name} is not positive; see the checks of the coefficients, the axis map first"
@@ -225,17 +262,19 @@ def _summary(
     fit = summarise(results["coefficients"]) if "coefficients" in results else {}
     chart = summarise(results["stability"]) if "stability" in results else {}
     chart.pop("limit", None)  # the curve is in stability.h5
+    modes = summarise(results["modes"]) if "modes" in results else {}
     summary = {
         "title": recipe.title,
         "verdict": fit.pop("verdict", None),
         "coefficients": fit.pop("coefficients", None),
-        "modes": summarise(results["modes"])["modes"] if "modes" in results else None,
+        "modes": modes.pop("modes", None),
         "best": chart.pop("best", None),
         "expect": [],
         "report": "report.html",
         **{key: fit.pop(key, None) for key in ("method", "law", "r2", "residual_rms_N", "checks")},
         "fit": fit or None,
         "stability": chart or None,
+        "modal_fit": modes or None,
         "frf": summarise(results["frf"]) if "frf" in results else None,
         "sensor": summarise(results["sensor"]) if "sensor" in results else None,
         "cuts": [summarise(cut) for cut in results.get("cuts", ())],
@@ -314,6 +353,7 @@ def _at_its_line(recipe: Recipe) -> Iterator[None]:
             "impact",
             "conditioning",
             "frf",
+            "modes",
             "sensor",
             "coefficients",
             "stability",

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from millcal import pipeline
-from millcal.data import Coefficients, CutForce, Frf, StabilityMap
+from millcal.data import Coefficients, CutForce, Frf, Modes, StabilityMap
 from millcal.errors import MillcalError, RecipeError, RecordingError
 from millcal.io.recipes import read_recipe
 from millcal.io.recordings import write_recording
@@ -37,16 +37,19 @@ def whole(recordings_folder, recipe_text, tmp_path_factory):
 def test_every_stage_leaves_its_record_and_the_summary_its_answers(whole):
     out, found = whole
     assert sorted(path.name for path in out.iterdir()) == [
-        "coefficients.h5", "cuts.h5", "frf.h5", "report.html", "stability.h5", "summary.json",
+        "coefficients.h5", "cuts.h5", "frf.h5", "modes.h5", "report.html", "stability.h5", "summary.json",
     ]  # fmt: skip
     assert len(read_results(out / "cuts.h5", CutForce)) == 3
     assert read_result(out / "frf.h5", Frf).inputs == ("tipX", "tipY")
+    assert read_result(out / "modes.h5", Modes).fit.inputs == ("tipX", "tipY")
     assert read_result(out / "coefficients.h5", Coefficients).posterior["Ktc"] == pytest.approx(820e6, rel=0.01)
     assert read_result(out / "stability.h5", StabilityMap).method == "zoa"
     summary = json.loads((out / "summary.json").read_text())
     assert summary == found.summary
     assert {"coefficients", "modes", "best", "expect", "report", "verdict"} <= set(summary)
     assert summary["best"][0]["rpm"] > 4000
+    assert [mode["fn_hz"] for mode in summary["modes"]] == pytest.approx([700, 900], rel=1e-3)
+    assert summary["modal_fit"]["residual_relative"] < 0.02
     assert [entry["ok"] for entry in summary["expect"]] == [True, True]
     assert found.missed == []
     assert len(summary["recordings"]) == 5
@@ -54,7 +57,7 @@ def test_every_stage_leaves_its_record_and_the_summary_its_answers(whole):
 
 def test_every_file_carries_the_recipe_the_seed_and_the_sum_of_every_input(whole):
     out, _ = whole
-    for name in ("cuts.h5", "frf.h5", "coefficients.h5", "stability.h5"):
+    for name in ("cuts.h5", "frf.h5", "modes.h5", "coefficients.h5", "stability.h5"):
         origin = read_provenance(out / name)
         assert origin["seed"] == 4
         assert origin["recipe"].startswith('title = "Small slot cuts"')
@@ -113,7 +116,8 @@ points = 20
     ("text", "files", "notices"),
     [
         (CUTS_ONLY, {"cuts.h5", "coefficients.h5"}, set()),
-        (IMPACT_ONLY, {"frf.h5"}, set()),
+        (IMPACT_ONLY, {"frf.h5", "modes.h5"}, set()),
+        (IMPACT_ONLY + "[modes]\nfit = false\n", {"frf.h5"}, set()),
         (BY_HAND, {"cuts.h5", "coefficients.h5", "modes.h5", "stability.h5"}, set()),
         (
             CUTS_ONLY + "[cutter]\ndiameter_mm = 16\nteeth = 2\nhelix_deg = 30\n[stability]\nrpm = [4000, 12000]\n",
@@ -122,11 +126,11 @@ points = 20
         ),
         (
             IMPACT_ONLY + "[cutter]\ndiameter_mm = 16\nteeth = 2\n[stability]\nrpm = [4000, 12000]\n",
-            {"frf.h5"},
+            {"frf.h5", "modes.h5"},
             {"no-stability-map"},
         ),
     ],
-    ids=["cuts only", "impact only", "modes by hand", "no dynamics", "no cuts"],
+    ids=["cuts only", "impact only", "no modes wanted", "modes by hand", "no dynamics", "no cuts"],
 )
 def test_a_recipe_may_leave_stages_out_and_a_map_that_cannot_be_made_is_said(
     text, files, notices, small_recipe, tmp_path
@@ -134,6 +138,55 @@ def test_a_recipe_may_leave_stages_out_and_a_map_that_cannot_be_made_is_said(
     found = pipeline.run(read_recipe(small_recipe(text)), tmp_path / "out")
     assert {path.name for path in (tmp_path / "out").iterdir()} == files | {"summary.json", "report.html"}
     assert {notice.code for notice in found.notices} & {"no-stability-map"} == notices
+
+
+def test_modes_that_cannot_be_fitted_are_a_warning_and_the_run_goes_on(small_recipe, tmp_path):
+    text = IMPACT_ONLY + "[modes]\nband_hz = [700, 700.5]\n"
+    found = pipeline.run(read_recipe(small_recipe(text)), tmp_path / "out")
+    (warning,) = (notice for notice in found.notices if notice.code == "no-modes")
+    assert warning.level == "warning"
+    assert warning.where.endswith("small.toml:3: modes")
+    assert found.summary["modes"] is None
+    assert (tmp_path / "out" / "frf.h5").exists()
+
+
+def with_dynamics(recipe_text, dynamics):
+    return recipe_text.replace("points = 60\n", f'points = 20\ndynamics = "{dynamics}"\n')
+
+
+def test_the_map_stands_on_the_frf_or_on_the_modes_as_the_recipe_says(whole, small_recipe, recipe_text, tmp_path):
+    """With noise of a thousandth both say the same; the band of the modes is their own."""
+    maps = {}
+    for dynamics in ("frf", "modes"):
+        recipe = read_recipe(small_recipe(with_dynamics(recipe_text, dynamics)))
+        maps[dynamics] = pipeline.run(recipe, tmp_path / dynamics).results["stability"]
+    assert maps["modes"].limit_depth == pytest.approx(maps["frf"].limit_depth, rel=0.02)
+    assert (maps["modes"].limit_depth != maps["frf"].limit_depth).any()
+    assert maps["modes"].absolute_minimum == pytest.approx(whole[1].results["stability"].absolute_minimum, rel=0.02)
+    assert maps["modes"].limit_low is not None
+
+
+def test_a_map_of_modes_that_could_not_be_fitted_is_left_out_with_the_reason(small_recipe, recipe_text, tmp_path):
+    text = with_dynamics(recipe_text, "modes") + "[modes]\nband_hz = [700, 700.5]\n"
+    found = pipeline.run(read_recipe(small_recipe(text)), tmp_path / "out")
+    assert {"no-modes", "no-stability-map"} <= {notice.code for notice in found.notices}
+    assert not (tmp_path / "out" / "stability.h5").exists()
+
+
+def test_where_the_records_end_too_early_the_map_stands_on_the_modes(whole, small_recipe, recipe_text, tmp_path):
+    """25 ms hold three time constants of the slower mode, and the FRF is wrong by what is left."""
+    truth = whole[1].results["stability"].absolute_minimum
+    minimum = {}
+    for dynamics in ("", "frf"):
+        text = with_dynamics(recipe_text, dynamics) if dynamics else recipe_text
+        recipe = read_recipe(small_recipe(text + "[frf]\nrecord_length_s = 0.025\n"))
+        found = pipeline.run(recipe, tmp_path / f"out{dynamics}")
+        codes = [notice.code for notice in found.notices]
+        assert codes.count("map-from-modes") == (dynamics == "")
+        assert "truncated" in codes
+        minimum[dynamics] = found.results["stability"].absolute_minimum
+    assert abs(minimum["frf"] / truth - 1) > 0.005
+    assert abs(minimum[""] / truth - 1) < 0.001
 
 
 def test_conditions_of_the_recipe_win_over_those_of_the_recording(small_recipe, tmp_path, recipe_text):

@@ -62,6 +62,22 @@ class FrfTable(Table):
     resolution_hz: Positive | None = Field(None, description="distance of the lines at most, Hz, by adding zeros")
 
 
+class ModesTable(Table):
+    """Options of the modal fit, which follows the FRF of an impact test."""
+
+    renamed: ClassVar = {"complex": "complex_modes"}
+    not_arguments: ClassVar = frozenset({"fit"})
+    fit: bool = Field(True, description="fit modes to the FRF of [impact]; false leaves them out")
+    band_hz: Span | None = Field(None, description="[lowest, highest] line of the fit, Hz; the usable band when absent")
+    modes: int | None = Field(None, ge=1, description="how many modes; by the data when absent")
+    near_hz: tuple_of(Positive, ...) = Field((), description="frequencies where modes are known to be, Hz")
+    remainder: int | None = Field(
+        None, ge=0, le=4, description="terms for the modes outside the band; three when absent"
+    )
+    complex: bool | None = Field(None, description="complex modes, true or false; by the data when absent")
+    most: int = Field(12, ge=1, description="most modes that are fitted where `modes` is absent")
+
+
 class SensorTable(ImpactTable):
     """Impact tests on the dynamometer itself, whose force channels have the role response."""
 
@@ -98,7 +114,13 @@ class StabilityTable(Table):
     """Options of the stability map; what is absent is that of the cuts, where they agree."""
 
     renamed: ClassVar = {"rpm": "spindle_speed", "spindle_speed_rpm": "operating_speed"}
+    not_arguments: ClassVar = frozenset({"dynamics"})
     method: Literal["zoa"] = Field("zoa", description="zoa: zero-order approximation")
+    dynamics: Literal["frf", "modes"] | None = Field(
+        None,
+        description="what the map stands on: the FRF, or the modes fitted to it; when absent the FRF, unless a window or "
+        "the record's end has bent it",
+    )
     rpm: Span = Field(description="[lowest, highest] spindle speed of the map, rpm")
     points: int = Field(400, ge=2, description="number of speeds of the map")
     members: int = Field(2000, ge=0, description="draws for the band on the limit; 0 for none")
@@ -132,6 +154,7 @@ class RecipeTables(SourceTables):
     conditioning: ConditioningTable = Field(default_factory=ConditioningTable, description="conditioning of the cuts")
     impact: ImpactTable | None = Field(None, description="impact tests at the tool tip")
     frf: FrfTable = Field(default_factory=FrfTable, description="options of the FRF estimate")
+    modes: ModesTable = Field(default_factory=ModesTable, description="options of the modal fit")
     structure: StructureTable | None = Field(None, description="dynamics given by hand")
     sensor: SensorTable | None = Field(None, description="impact tests on the dynamometer, for the fit")
     coefficients: CoefficientsTable = Field(

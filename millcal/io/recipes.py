@@ -25,6 +25,7 @@ from millcal.io.recipe_tables import (
     ConditioningTable,
     FrfTable,
     ImpactTable,
+    ModesTable,
     RecipeTables,
     StabilityTable,
 )
@@ -104,6 +105,7 @@ class Recipe:
     structure: Structure | None
     conditioning: ConditioningTable
     frf: FrfTable
+    modes: ModesTable
     coefficients: CoefficientsTable
     stability: StabilityTable | None  # None: the recipe asks for no map
     simulate: SimulateTable | None
@@ -143,6 +145,8 @@ def read_recipe(path: Path) -> Recipe:
     cutter = tables.cutter.cutter() if tables.cutter else None
     if not tables.cuts and not any((tables.impact, tables.sensor, tables.simulate)):
         document.refuse((), "no [[cuts]], no [impact], no [sensor] and no [simulate]; name at least one recording")
+    if "modes" in tables.model_fields_set and tables.impact is None:
+        document.refuse(("modes",), "no [impact] to fit modes to; add one, or give them by hand in [structure]")
     if tables.stability is not None:
         _check_stability(document, tables)
     sensor = tables.coefficients.sensor
@@ -160,6 +164,7 @@ def read_recipe(path: Path) -> Recipe:
         structure=_structure(tables),
         conditioning=tables.conditioning,
         frf=tables.frf,
+        modes=tables.modes,
         coefficients=tables.coefficients,
         stability=tables.stability,
         simulate=tables.simulate,
@@ -267,6 +272,10 @@ def _check_stability(document: Document, tables: RecipeTables) -> None:
         document.refuse(("stability",), "no [cutter] for the map; add one")
     if tables.impact is not None and tables.structure is not None:
         document.refuse(("structure",), "dynamics are given twice; keep [structure] or [impact]")
+    if tables.stability.dynamics == "frf" and tables.impact is None:
+        document.refuse(("stability", "dynamics"), "no [impact] to take an FRF from; add one, or leave the key out")
+    if tables.stability.dynamics == "modes" and tables.impact is not None and not tables.modes.fit:
+        document.refuse(("stability", "dynamics"), '[modes] says that none are fitted; let it, or write "frf"')
     diameter, radial = tables.cutter.diameter_mm, tables.stability.radial_depth_mm
     if radial is not None and radial > diameter * (1 + 1e-9):
         document.refuse(

@@ -72,7 +72,8 @@ def _of_the_record(frf: Frf, where: str) -> list[Notice]:
             f"{where}: an exponential window added {frf.damping_shift:.3g} 1/s of damping to every mode, which the limit "
             "would be too high by; fit its modes (millcal modes, stability.dynamics) and map those"
         )
-    if any(notice.code == "truncated" for notice in frf.notices):
+    codes = {notice.code for notice in frf.notices}
+    if "truncated" in codes and "truncation-corrected" not in codes:
         what = "the record ended before the structure came to rest, which bends the lines about its resonances; "
         return [Notice("truncated", what + "modes are fitted without that (millcal modes, stability.dynamics)", where)]
     return []

@@ -6,16 +6,18 @@ from typing import Literal, get_args, get_origin
 
 import pytest
 
-from millcal.io.recipe_tables import CoefficientsTable, ConditioningTable, FrfTable, StabilityTable
+from millcal.io.recipe_tables import CoefficientsTable, ConditioningTable, FrfTable, ModesTable, StabilityTable
 from millcal.stages.coefficients import fit_coefficients
 from millcal.stages.conditioning import condition_cut
 from millcal.stages.frf import estimate_frf
+from millcal.stages.modes import fit_modes
 from millcal.stages.stability import map_stability
 
 # arguments that the pipeline takes from elsewhere: the cut's entry, the cutter, a file, the seed, the bar
 STAGES = {
     "conditioning": (ConditioningTable, condition_cut, {"steady", "air", "progress"}),
     "frf": (FrfTable, estimate_frf, {"progress"}),
+    "modes": (ModesTable, fit_modes, {"progress"}),
     "coefficients": (CoefficientsTable, fit_coefficients, {"sensor", "progress"}),
     "stability": (StabilityTable, map_stability, {"teeth", "diameter", "pitch", "rng", "progress"}),
 }
@@ -61,6 +63,6 @@ def test_every_record_field_is_declared_so_that_it_can_be_stored():
     """Nothing but arrays with metadata, plain values, nested dataclasses and tuples of them stands in a record."""
     from millcal import data
 
-    for name in ("CutForce", "Frf", "Modes", "Posterior", "Coefficients", "StabilityMap"):
+    for name in ("CutForce", "Frf", "Modes", "ModalFit", "Posterior", "Coefficients", "StabilityMap"):
         for field in fields(getattr(data, name)):
             assert "dims" in field.metadata or "ndarray" not in str(field.type), (name, field.name)

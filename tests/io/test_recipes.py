@@ -85,6 +85,35 @@ def test_a_recipe_is_in_si(tmp_path):
     assert recipe.text == GOOD
 
 
+IMPACT = changed('[structure]\nmodes = [\n  { axis = "x", fn_hz = 900, zeta = 0.02, k_N_per_m = 1e7 },\n]\n', """\
+[impact]
+recordings = ["tap.h5"]
+[modes]
+band_hz = [200, 3000]
+near_hz = [650, 1200]
+complex = true
+""")  # fmt: skip
+
+
+def test_the_options_of_the_modal_fit_are_the_keys_of_modes(tmp_path):
+    recipe = read_recipe(written(tmp_path, IMPACT))
+    assert recipe.modes.fit
+    assert recipe.modes.arguments() == {
+        "band": (200.0, 3000.0), "modes": None, "near": (650.0, 1200.0), "remainder": None, "complex_modes": True,
+        "most": 12,
+    }  # fmt: skip
+    assert recipe.stability.dynamics is None
+    assert "dynamics" not in recipe.stability.arguments()
+
+
+def test_a_map_of_modes_that_the_recipe_does_not_fit_is_refused(tmp_path):
+    text = IMPACT.replace("complex = true", "fit = false").replace("rpm = [", 'dynamics = "modes"\nrpm = [')
+    with pytest.raises(
+        RecipeError, match=r"toml:\d+: stability\.dynamics: \[modes\] says that none are fitted; let it"
+    ):
+        read_recipe(written(tmp_path, text))
+
+
 def test_paths_are_relative_to_the_recipe_and_may_name_the_environment(tmp_path, monkeypatch):
     monkeypatch.setenv("MILLCAL_TEST_FOLDER", "/elsewhere")
     text = changed("../f600.csv", "${MILLCAL_TEST_FOLDER}/b.csv")
@@ -190,6 +219,9 @@ BAD = {
     "steady reversed": ("[0.1, 0.9]", "[0.9, 0.1]", 20, "cuts.0.steady_s: [0.9, 0.1] does not rise"),
     "steady too short": ("[0.1, 0.9]", "[0.9]", 20, "cuts.0.steady_s: has too few items; give [from, to]"),
     "steady no list": ("[0.1, 0.9]", "0.9", 20, "cuts.0.steady_s: 0.9 is no list"),
+    "modes of no FRF": ("[stability]", "[modes]\nmodes = 3\n[stability]", 32, "modes: no [impact] to fit modes to"),
+    "map of no FRF": ("rpm = [3000, 12000]", 'rpm = [3000, 12000]\ndynamics = "frf"', 34, "no [impact] to take an FRF from"),
+    "other dynamics": ("rpm = [3000, 12000]", 'rpm = [3000, 12000]\ndynamics = "modal"', 34, "is not 'frf' or 'modes'"),
     "rpm reversed": ("rpm = [3000, 12000]", "rpm = [12000, 3000]", 33, "stability.rpm"),
     "half an operating point": ("axial_depth_mm = 2\n", "", 34, "half an operating point"),
     "method": ('"average"', '"avarage"', 27, "coefficients.method: 'avarage' is not 'average' or 'nls'"),
