@@ -9,7 +9,7 @@ from millcal.cli.speak import Json, NoSeed, Quiet, progress_bar, reply
 
 
 def inspect(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE", help="Recordings of any known format.")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE", help="Recordings or FRFs of any known format.")],
     setup: Annotated[
         Path | None, typer.Option("--setup", help="Setup (TOML) with what the files do not say about themselves.")
     ] = None,
@@ -54,8 +54,15 @@ def _table(result: dict[str, Any]) -> str:
     rate, duration = result["sample_rate_hz"], result["duration_s"]
     clock = f"{rate:.10g} Hz, {duration:.6g} s" if rate else "sample rate unknown"
     lines = [f"{result['file']}: {result['format']}, {result['samples']} samples, {clock}"]
+    if "frf" in result:
+        low, high, count = result["frf"]["frequency_hz"]
+        lines = [
+            f"{result['file']}: {result['format']}, FRF ({result['frf']['form'] or 'form not said'}), "
+            f"{count} lines from {low:.6g} to {high:.6g} Hz"
+        ]
     if result["channels"]:
-        lines.append(f"  {'channel':<14} {'quantity':<13} {'unit':<7} {'min':>12} {'max':>12} {'mean':>12} {'rms':>12}")
+        what = "pair" if "frf" in result else "channel"
+        lines.append(f"  {what:<14} {'quantity':<13} {'unit':<7} {'min':>12} {'max':>12} {'mean':>12} {'rms':>12}")
     for channel in result["channels"]:
         words = [channel["name"] or "", channel["quantity"] or "?", channel["unit"] or "?"]
         numbers = [channel[key] for key in ("min", "max", "mean", "rms")]

@@ -15,7 +15,9 @@ def stability(
     coefficients: Annotated[Path | None, typer.Option("--coefficients", help="Result of `millcal identify`.")] = None,
     ktc: Annotated[float | None, typer.Option("--ktc", help="Ktc in N/mm2, instead of --coefficients.")] = None,
     krc: Annotated[float | None, typer.Option("--krc", help="Krc in N/mm2, instead of --coefficients.")] = None,
-    frf: Annotated[Path | None, typer.Option("--frf", help="Result of `millcal frf` at the tool tip.")] = None,
+    frf: Annotated[
+        Path | None, typer.Option("--frf", help="FRF at the tool tip: of `millcal frf`, UFF, CutPro, CSV.")
+    ] = None,
     modes: Annotated[Path | None, typer.Option("--modes", help="Modes at the tool tip, a result file.")] = None,
     setup: Annotated[
         Path | None, typer.Option("--setup", help="SETUP.toml with [cutter], [conditions], and [structure] if no FRF.")
@@ -68,6 +70,8 @@ def stability(
 
     cutter, cuts, posterior, notices = _cutting(coefficients, ktc, krc, setup)
     dynamics = _dynamics(frf, modes, setup)
+    if frf is not None and frf.suffix.lower() not in (".h5", ".hdf5"):  # what millcal itself found was told when it did
+        notices += dynamics.notices
 
     def known(option: float | str | None, key: str, field: str) -> Any:
         """A condition: as the option says, else as all cuts have it."""
@@ -160,13 +164,14 @@ def _cutting(coefficients: Path | None, ktc: float | None, krc: float | None, se
 
 def _dynamics(frf: Path | None, modes: Path | None, setup: Path | None) -> Any:
     """The FRF or the modes, from whichever file holds them."""
-    from millcal.data import Frf, Modes
+    from millcal.data import Modes
     from millcal.errors import RecipeError
+    from millcal.io.frf_files import read_frf
     from millcal.io.recipes import read_setup
     from millcal.io.results import read_result
 
     if frf is not None:
-        return read_result(frf, Frf)
+        return read_frf(frf)
     if modes is not None:
         return read_result(modes, Modes)
     found = read_setup(setup).modes

@@ -1,5 +1,7 @@
 """What is in a file: channels, their range, the sample rate, and what must still be stated before it can be read.
 
+A file that holds an FRF and no recording is told by its pairs, each with the range of its magnitude.
+
 Inspecting never fails for a missing unit, a bad rate or a dead channel: it says so under `missing`.
 """
 
@@ -13,6 +15,7 @@ from millcal.errors import RecordingError
 from millcal.io.channels import Selection
 from millcal.io.formats.source import Progress, Source, silent
 from millcal.io.formats.time_base import TimeBase
+from millcal.io.frf_files import describe_frf, is_frf_file
 from millcal.io.recipes import Setup
 from millcal.io.recordings import chosen_channels, open_source, rate_of
 
@@ -22,9 +25,13 @@ def inspect_recording(
 ) -> tuple[dict[str, Any], tuple[Notice, ...]]:
     """What is in a file, as the contract's JSON, and notices.
 
-    Values are those of the file, in the `unit` of each channel, which is null where the file does not say one.
+    Values are those of the file, in the `unit` of each channel, which is null where the file does not say one; those of an
+    FRF are in SI. A setup is for recordings: with one, nothing is taken for an FRF.
     """
-    path, setup = Path(path), setup or Setup()
+    path = Path(path)
+    if setup is None and path.is_file() and is_frf_file(path):
+        return describe_frf(path)
+    setup = setup or Setup()
     source = open_source(path, setup)
     chosen = chosen_channels(source, setup, None, None, None)
     missing = [*source.missing, *(chosen.problems if source.columns else ())]

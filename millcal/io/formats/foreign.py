@@ -38,6 +38,3 @@ def refuse_foreign(path: Path, head: bytes) -> None:
         raise RecordingError(
             f"{path}: a binary DynoWare file (.dwd), which is undocumented; export it as text in DynoWare"
         )
-    lines = head[:400].splitlines()
-    if lines and lines[0].rstrip() == b"    -1" and len(lines) > 1 and lines[1].strip().rstrip(b"bB ").isdigit():
-        raise RecordingError(f"{path}: a universal file (UFF); {_LATER}")
