@@ -31,15 +31,12 @@ class Deviations(NamedTuple):
     source: str  # jackknife, least squares, none
 
 
-def deviations(problem: Problem, fit: Fit, model: Model, shape: tuple[int, int]) -> Deviations:
-    """Deviations by hit where every test has hits enough, else by the scatter of the lines.
-
-    shape : number of outputs and inputs of the FRF
-    """
+def deviations(problem: Problem, fit: Fit, model: Model) -> Deviations:
+    """Deviations by hit where every test has hits enough, else by the scatter of the lines."""
     known = sensitivity(problem.channels, fit, model)
     if all(_can_leave_out(test, problem) for test in problem.tests):
-        return _by_hit(problem, fit, model, known, shape)
-    return _by_line(problem, fit, model, known, shape)
+        return _by_hit(problem, fit, model, known)
+    return _by_line(problem, fit, model, known)
 
 
 def _can_leave_out(test: Test, problem: Problem) -> bool:
@@ -51,8 +48,8 @@ def _can_leave_out(test: Test, problem: Problem) -> bool:
     return covered and len(spectra.names) >= max(FEWEST_HITS, len(spectra.inputs) + 2)
 
 
-def _by_hit(problem: Problem, fit: Fit, model: Model, known: Sensitivity, shape: tuple[int, int]) -> Deviations:
-    base = residues(problem, fit, model, shape)
+def _by_hit(problem: Problem, fit: Fit, model: Model, known: Sensitivity) -> Deviations:
+    base = residues(problem, fit, model)
     units: dict[str, list[tuple[int, int]]] = {}  # hit -> tests it stands in, and its place there
     for number, test in enumerate(problem.tests):
         for hit, name in enumerate(test.spectra.names):  # type: ignore[union-attr]
@@ -61,7 +58,7 @@ def _by_hit(problem: Problem, fit: Fit, model: Model, known: Sensitivity, shape:
     for places in units.values():
         changed = [(number, _residual_without(problem, number, hit, fit, model)) for number, hit in places]
         moved = _moved(fit, *known.step(changed))
-        residue = residues(problem, moved, model, shape) - base
+        residue = residues(problem, moved, model) - base
         step = (moved.natural_frequency - fit.natural_frequency, moved.damping_ratio - fit.damping_ratio, residue)
         rows.setdefault(places[0][0], []).append(step)
     parts, counts = [], []
@@ -93,6 +90,7 @@ def _residual_without(problem: Problem, number: int, hit: int, fit: Fit, model: 
     own = np.einsum("ol,il->oli", X[hit], F[hit].conj())
     inverse, inverse_all = np.linalg.inv(rest), np.linalg.inv(P)
     change = np.einsum("oli,lij->olj", cross, inverse) - np.einsum("oli,lij->olj", cross + own, inverse_all)
+    change = change if test.turn is None else change * test.turn[:, :, None]
     loss = without_hit(channels.loss, hit, P @ inverse)
     left_out = channels._replace(values=channels.values + change, loss=loss)
     phi, _ = columns(left_out, fit.natural_frequency, fit.damping_ratio, model)
@@ -109,9 +107,9 @@ def _moved(fit: Fit, poles: np.ndarray, linear: tuple[np.ndarray, ...]) -> Fit:
     )
 
 
-def _by_line(problem: Problem, fit: Fit, model: Model, known: Sensitivity, shape: tuple[int, int]) -> Deviations:
+def _by_line(problem: Problem, fit: Fit, model: Model, known: Sensitivity) -> Deviations:
     """Deviations from the scatter of the lines about the model: all there is of one hit, and too small where it misfits."""
-    base = residues(problem, fit, model, shape)
+    base = residues(problem, fit, model)
     freedom = max(fit.rows - fit.unknowns, 1)
     sd = np.sqrt(fit.cost / freedom)
     values, vectors = np.linalg.eigh(known.inverse)
@@ -131,7 +129,7 @@ def _by_line(problem: Problem, fit: Fit, model: Model, known: Sensitivity, shape
                 linear = [np.zeros_like(own) for own in fit.linear]
                 linear[number][o] = column
                 steps.append(_moved(fit, still, tuple(linear)))
-    residue = np.stack([residues(problem, step, model, shape) - base for step in steps])
+    residue = np.stack([residues(problem, step, model) - base for step in steps])
     return Deviations(
         np.stack([step.natural_frequency - fit.natural_frequency for step in steps]),
         np.stack([step.damping_ratio - fit.damping_ratio for step in steps]),
@@ -141,11 +139,11 @@ def _by_line(problem: Problem, fit: Fit, model: Model, known: Sensitivity, shape
     )
 
 
-def residues(problem: Problem, fit: Fit, model: Model, shape: tuple[int, int]) -> np.ndarray:
+def residues(problem: Problem, fit: Fit, model: Model) -> np.ndarray:
     """Residues of the receptance at the poles; nan where a pair was not measured.   returns complex (mode, output, input)"""
     n = len(fit.natural_frequency)
     p = pole_of(fit.natural_frequency, fit.damping_ratio)
-    out = np.full((n, *shape), np.nan, complex)
+    out = problem.empty(n)
     orders = 2 if model.complex_modes else 1
     for test, linear in zip(problem.tests, fit.linear, strict=True):
         m = test.channels.values.shape[2]
@@ -156,10 +154,10 @@ def residues(problem: Problem, fit: Fit, model: Model, shape: tuple[int, int]) -
     return out
 
 
-def remainders(problem: Problem, fit: Fit, model: Model, shape: tuple[int, int]) -> np.ndarray:
+def remainders(problem: Problem, fit: Fit, model: Model) -> np.ndarray:
     """Coefficients of the remainder in the receptance.   returns (remainder, output, input)"""
     k = len(model.remainder)
-    out = np.full((k, *shape), np.nan)
+    out = problem.empty(k, dtype=float)
     for test, linear in zip(problem.tests, fit.linear, strict=True):
         m = test.channels.values.shape[2]
         own = linear[:, linear.shape[1] - k * m :].reshape(len(linear), k, m)
@@ -167,18 +165,19 @@ def remainders(problem: Problem, fit: Fit, model: Model, shape: tuple[int, int])
     return out
 
 
-def modelled(problem: Problem, fit: Fit, model: Model, shape: tuple[int, int], *, exact: bool) -> np.ndarray:
+def modelled(problem: Problem, fit: Fit, model: Model, *, exact: bool) -> np.ndarray:
     """The model on the problem's lines, in the forms that were measured.
 
-    exact : True with what the windows lost, as the measured values have it; False for the structure itself, at s = j w
+    exact : True with delays and what the windows lost, as the measured values have it; False for the structure itself, at
+        s = j w
     returns complex (line, output, input)
     """
-    out = np.full((len(problem.lines), *shape), np.nan, complex)
+    out = problem.empty(len(problem.lines))
     for test, linear in zip(problem.tests, fit.linear, strict=True):
         channels: Channels = test.channels
         if not exact:
             channels = channels._replace(s=2j * np.pi * problem.frequency)
         phi, _ = columns(channels, fit.natural_frequency, fit.damping_ratio, model, exact=exact)
         values = np.einsum("oliu,ou->loi", phi, linear)
-        test.put(out, values)
+        test.put(out, values if test.turn is None or not exact else values / test.turn.T[:, :, None])
     return out

@@ -4,7 +4,7 @@ Each group of hits that was estimated together is one test with its own windows.
 its hits: then its variance gives the weights, or the scatter between neighbouring lines where it has none.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,6 +28,7 @@ class Test:
     spectra: HitSpectra | None = None
     force: np.ndarray | None = None  # F_h(s), complex (hit, input, line)
     power: np.ndarray | None = None  # sum of F F^H without its noise, (line, input, input)
+    turn: np.ndarray | None = None  # e^{s tau} by which delays were taken out of the values, complex (output, line)
 
     def put(self, matrix: np.ndarray, values: np.ndarray) -> None:
         """Write values (..., output, input) of this test to their places in a matrix (..., output, input) of the FRF."""
@@ -41,10 +42,26 @@ class Problem:
     tests: tuple[Test, ...]
     lines: np.ndarray  # indices among the lines of the FRF
     frequency: np.ndarray  # (line,) Hz
+    outputs: tuple[str, ...]
+    inputs: tuple[str, ...]
 
     @property
     def channels(self) -> tuple[Channels, ...]:
         return tuple(test.channels for test in self.tests)
+
+    def empty(self, *leading: int, dtype: type = complex) -> np.ndarray:
+        """A matrix of nan over all outputs and inputs, for tests to put theirs in.   returns (..., output, input)"""
+        return np.full((*leading, len(self.outputs), len(self.inputs)), np.nan, dtype)
+
+    def turned(self, delay: np.ndarray) -> "Problem":
+        """The same with delays taken out of the values.   delay : (output,) s, of the response behind the force"""
+        return replace(self, tests=tuple(_turned(test, np.nan_to_num(delay)) for test in self.tests))
+
+
+def _turned(test: Test, delay: np.ndarray) -> Test:
+    channels = test.channels
+    turn = np.exp(channels.s * delay[test.rows[:, 0]][:, None])
+    return replace(test, channels=channels._replace(values=channels.values * turn[:, :, None]), turn=turn)
 
 
 def forms_of(frf: Frf) -> tuple[str, ...]:
@@ -94,8 +111,9 @@ def problem_of(frf: Frf, lines: np.ndarray) -> Problem:
     power = np.array([DERIVATIVES[form] for form in forms_of(frf)])
     if frf.tests:
         tests = tuple(_of_hits(frf, spectra, s, values, power) for spectra in frf.tests)
-        return Problem(tests, lines, frequency)
-    return Problem((_of_lines(frf, lines, s, values, power),), lines, frequency)
+    else:
+        tests = (_of_lines(frf, lines, s, values, power),)
+    return Problem(tests, lines, frequency, frf.outputs, frf.inputs)
 
 
 def _is_noisy(spectra: HitSpectra) -> bool:

@@ -1,8 +1,11 @@
-"""How many modes, and where: seeds, then one mode after the other, as long as each earns its unknowns.
+"""How many modes, of which kind, and where: seeds, then one mode after the other, as long as each earns its unknowns.
 
 A mode is added where it takes most from the residual, then all are refined together. It stays when Schwarz's criterion
 falls and the squared residual by a tenth: the criterion alone never stops on real structures, where what the model cannot
 describe (joints, cables, a little nonlinearity) is far above the noise.
+
+Real modes are preferred. Where complex ones would halve what is left, a response that comes late against the hammer is
+the first suspect, as one delay explains what takes a phase for every mode; only then complex modes are taken.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,11 +14,29 @@ from typing import NamedTuple
 import numpy as np
 
 from millcal.numerics.mode_fit import Channels, Fit, Model, fit_poles, residual_after
-from millcal.numerics.pole_search import Poles, groups_of
+from millcal.numerics.pole_search import Poles, groups_of, search_poles
+from millcal.stages.modes.delays import estimate_delays, is_plausible
+from millcal.stages.modes.possible import is_possible
+from millcal.stages.modes.problem import Problem
+
+REMAINDER = (-2, 0, 2)  # powers of s: mass below the band, flexibility above it, and its rise towards the next mode
+ORDERS = tuple(range(2, 17))  # of the stabilisation chart
+SURE = 4  # orders that have a pole which is no accident
+COMPLEX_GAIN = 0.5  # share of the squared residual that complex modes may leave, to be taken
+AS_GOOD = 1.2  # times the squared residual of complex modes that a delay may leave, to be believed instead
 
 GAIN = 0.1  # share of the squared residual that a mode must take away
 DAMPINGS = (0.002, 0.007, 0.025, 0.09)  # of the grid of seeds
 PATIENCE = 3  # modes that may be added past a fit that is possible
+
+
+class Found(NamedTuple):
+    """Modes of one kind, and the delays with which they were found."""
+
+    fit: Fit
+    model: Model
+    delay: np.ndarray | None = None  # (output,) s, taken out of the values; None: not asked for by the data
+    delay_sd: np.ndarray | None = None
 
 
 class Seeds(NamedTuple):
@@ -23,6 +44,79 @@ class Seeds(NamedTuple):
 
     natural_frequency: np.ndarray  # (seed,) Hz
     damping_ratio: np.ndarray
+
+
+def stabilisation_chart(problem: Problem) -> Poles:
+    """Poles of every order, from all pairs that were measured."""
+    values, weight = problem.empty(len(problem.lines)), problem.empty(len(problem.lines), dtype=float)
+    for test in problem.tests:
+        channels = test.channels
+        size = np.abs(np.einsum("ljj->lj", channels.root)) / np.sqrt(channels.values.shape[1])
+        test.put(values, channels.values.transpose(1, 0, 2))
+        test.put(weight, (size[None] / channels.noise[:, None, None]).transpose(1, 0, 2))
+    weight = np.where(np.isfinite(values), np.nan_to_num(weight), 0.0)
+    orders = [order for order in ORDERS if 3 * order < len(problem.lines)]
+    return search_poles(problem.frequency, np.nan_to_num(values), weight / max(weight.max(), 1e-300), orders)
+
+
+def thinning(problem: Problem, poles: Poles) -> int:
+    """Every how many lines will do for the search: two within half the width of the narrowest pole that several orders have."""
+    frequency, damping, count = groups_of(poles)
+    sure = count >= SURE
+    if not sure.any():
+        return 1
+    narrowest = float((frequency * damping)[sure].min())
+    spacing = float(problem.frequency[1] - problem.frequency[0])
+    return int(np.clip(narrowest / (2 * spacing), 1, max(1, len(problem.lines) // 200)))
+
+
+def search(
+    problem: Problem,
+    poles: Poles,
+    *,
+    powers: tuple[int, ...],
+    count: int | None,
+    near: Sequence[float],
+    complex_modes: bool | None,
+    most: int,
+) -> Found:
+    """Real modes; with a delay, or complex, where asked for or where the data ask for them.
+
+    powers : of the remainder   count, near, complex_modes, most : see `fit_modes`
+    """
+    seeds = seeds_of(poles, problem.frequency)
+
+    def grown(problem: Problem, model: Model) -> tuple[Fit, bool]:
+        return grow(
+            problem.channels, problem.frequency, seeds, model,
+            count=count, most=most, start=near, possible=lambda fit: is_possible(problem, fit, model),
+        )  # fmt: skip
+
+    real, turning = Model(False, powers), Model(True, powers)
+    if complex_modes:
+        return Found(grown(problem, turning)[0], turning)
+    fit, held_back = grown(problem, real)
+    if not len(fit.natural_frequency):
+        return Found(fit, real)
+    rival = fit_poles(problem.channels, fit.natural_frequency, fit.damping_ratio, turning, max_steps=3)
+    if not held_back and not _asks_for(rival, fit):
+        return Found(fit, real)
+    delay, spread = estimate_delays(problem, fit, real)
+    if is_plausible(delay, spread, problem.frequency[-1]):
+        in_time = problem.turned(delay)
+        again, _ = grown(in_time, real)
+        if again.cost < AS_GOOD * rival.cost and len(again.natural_frequency) >= len(fit.natural_frequency):
+            return Found(again, real, delay, spread)
+    if complex_modes is None:
+        rival, _ = grown(problem, turning)
+        if _asks_for(rival, fit) and is_possible(problem, rival, turning):
+            return Found(rival, turning)
+    return Found(fit, real)
+
+
+def _asks_for(rival: Fit, fit: Fit) -> bool:
+    """Whether complex modes earn their unknowns."""
+    return criterion(rival) < criterion(fit) and rival.cost < COMPLEX_GAIN * fit.cost
 
 
 def seeds_of(poles: Poles, frequency: np.ndarray) -> Seeds:
