@@ -21,6 +21,8 @@ COMMANDS = {
     "inspect": "Say what is in a file of any known format.",
     "ingest": "Bring any file into the recording format, with units, axes and signs stated.",
     "frf": "Impact tests to an FRF matrix with coherence and a table of the hits.",
+    "export": "An FRF to the files of other programs (UFF, CutPro, CSV), or theirs to HDF5.",
+    "modes": "An FRF to modes: frequency, damping, stiffness and shape, with intervals.",
     "identify": "Cutting coefficients from dynamometer cuts, with intervals and a verdict.",
     "stability": "Limit depth against spindle speed from coefficients and an FRF or modes.",
     "simulate": "Write synthetic recordings with known truth from a recipe.",
