@@ -125,9 +125,10 @@ def _rows(lines: Sequence[str], point: str) -> _Rows:
 
 def _value(text: str, point: str) -> float:
     try:
-        return float(text.replace(point, ".").upper().replace("D", "E"))
+        number = float(text.replace(point, ".").upper().replace("D", "E"))
     except ValueError:  # 1.#QNAN
         return np.nan
+    return number if np.isfinite(number) else np.nan
 
 
 def looks_like_frequencies(path: Path, beginning: bytes) -> bool:

@@ -75,7 +75,8 @@ def _name_and_unit(cell: str) -> tuple[str, str | None]:
     cell = cell.strip().strip("'\"").strip()
     found = _UNIT.fullmatch(cell)
     inside = None if found is None else found["square"] if found["square"] is not None else found["round"]
-    if found and inside is not None and found["name"] and "," not in inside and _is_unit(inside):
+    is_unit = inside is not None and (_is_unit(inside) or (found is not None and found["square"] is not None))
+    if found and inside is not None and found["name"] and is_unit:
         return found["name"], inside.strip()
     ending = next((s for s in sorted(_SUFFIXES, key=len, reverse=True) if cell.lower().endswith(s)), None)
     return (cell[: -len(ending)], _SUFFIXES[ending]) if ending else (cell, None)

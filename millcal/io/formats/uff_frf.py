@@ -119,7 +119,8 @@ def _names(records: Sequence[Function]) -> dict[int, tuple[str, str]]:
 def _stands_for(name: str, dof: Dof) -> bool:
     """Whether a dof could be written as this one: another program may have renamed it since."""
     point, direction = split_dof(name)
-    return direction == dof.direction and (dof.entity or str(dof.node)) == point[:LONGEST].strip()
+    points = (dof.entity,) if dof.entity else ("", str(dof.node))
+    return direction == dof.direction and point[:LONGEST].strip() in points
 
 
 def _frequency(record: Function) -> np.ndarray:
