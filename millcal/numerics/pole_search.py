@@ -9,6 +9,8 @@ References
 ----------
 Guillaume, Verboven, Vanlanduit, Van der Auweraer, Peeters 2003, A poly-reference implementation of the least-squares
 complex frequency-domain estimator, IMAC XXI.
+Cauberghe, Guillaume, Verboven, Vanlanduit, Parloo 2005, On the influence of the parameter constraint on the stability of
+the poles and the discrimination capabilities of the stabilisation diagrams, Mechanical Systems and Signal Processing 19.
 """
 
 import itertools
@@ -67,13 +69,13 @@ def search_poles(
     for order in orders:
         size = order * inputs
         M = (normal[: order + 1, :, : order + 1] - eliminated[order]).reshape(size + inputs, size + inputs)
-        # The highest coefficient is the unit matrix; the others follow by least squares.
-        A = -np.linalg.lstsq(M[:size, :size], M[:size, size:], rcond=1e-13)[0]
-        companion = np.zeros((size, size), complex)
+        # With A_0 = 1 the poles that only describe noise come out growing, and fall away; with A_order = 1 they decay and stay.
+        A = np.linalg.lstsq(M[inputs:, inputs:], -M[inputs:, :inputs], rcond=1e-13)[0].reshape(order, inputs, inputs)
+        companion = np.zeros((size, size), complex)  # of the polynomial in 1/z
         companion[:-inputs, inputs:] = np.eye(size - inputs)
-        companion[-inputs:] = -A.reshape(order, inputs, inputs).transpose(1, 0, 2).reshape(inputs, size)
-        z = np.linalg.eigvals(companion)
-        z = z[np.abs(z) > 1e-12]
+        companion[-inputs:] = -A[::-1].transpose(1, 0, 2).reshape(inputs, size)
+        z = 1.0 / np.linalg.eigvals(companion)
+        z = z[np.isfinite(z)]
         s = 2j * np.pi * (low + width * (-1j * np.log(z)) / HALF_CIRCLE)
         fn = np.abs(s) / (2 * np.pi)
         zeta = -s.real / np.abs(s)

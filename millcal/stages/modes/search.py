@@ -105,7 +105,7 @@ def search(
     if is_plausible(delay, spread, problem.frequency[-1]):
         in_time = problem.turned(delay)
         again, _ = grown(in_time, real)
-        if again.cost < AS_GOOD * rival.cost and len(again.natural_frequency) >= len(fit.natural_frequency):
+        if again.cost < AS_GOOD * rival.cost:
             return Found(again, real, delay, spread)
     if complex_modes is None:
         rival, _ = grown(problem, turning)
