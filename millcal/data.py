@@ -281,9 +281,10 @@ class ModalFit(Record):
 
     @property
     def driving_points(self) -> dict[str, tuple[int, int]]:
-        """Where a point is hit and measured in one direction, whatever their signs: dof -> (output, input)."""
+        """Where a point was hit and measured in one direction, whatever their signs: dof -> (output, input)."""
         outputs, inputs = ([dof.lstrip("+-") for dof in dofs] for dofs in (self.outputs, self.inputs))
-        return {dof: (outputs.index(dof), inputs.index(dof)) for dof in inputs if dof in outputs}
+        pairs = {dof: (outputs.index(dof), inputs.index(dof)) for dof in inputs if dof in outputs}
+        return {dof: pair for dof, pair in pairs.items() if np.isfinite(self.residue[:, *pair]).all()}
 
     @property
     def shapes(self) -> tuple[tuple[str, ...], np.ndarray]:

@@ -78,14 +78,18 @@ def mode_shapes(residue: np.ndarray) -> np.ndarray:
     """Shapes over the longer side of the residues, which is what was measured at more places.
 
     A = phi_o phi_i, so the shape is the vector nearest to all columns (or rows) at once, the first of the singular value
-    decomposition. It is turned to the phase along which it moves most, and its largest real part is 1.
+    decomposition; where pairs are missing (nan), the strongest column. It is turned to the phase along which it moves most,
+    and its largest real part is 1.
     residue : complex (mode, output, input)   returns complex (mode, output), or (mode, input) where these are more
     """
     if residue.shape[2] > residue.shape[1]:
         residue = residue.transpose(0, 2, 1)
-    left, _, _ = np.linalg.svd(residue, full_matrices=False)
-    shape = left[:, :, 0]
-    shape = shape * np.exp(-0.5j * np.angle(np.sum(shape**2, axis=1, keepdims=True)))
-    largest = np.argmax(np.abs(shape.real), axis=1)
+    if np.isfinite(residue).all():
+        shape = np.linalg.svd(residue, full_matrices=False)[0][:, :, 0]
+    else:
+        strongest = np.argmax(np.nansum(np.abs(residue) ** 2, axis=1), axis=1)
+        shape = residue[np.arange(len(residue)), :, strongest]
+    shape = shape * np.exp(-0.5j * np.angle(np.nansum(shape**2, axis=1, keepdims=True)))
+    largest = np.argmax(np.abs(np.nan_to_num(shape.real)), axis=1)
     scale = shape.real[np.arange(len(shape)), largest]
     return shape / np.where(scale == 0, 1.0, scale)[:, np.newaxis]

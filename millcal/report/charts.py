@@ -13,6 +13,7 @@ from math import log10
 
 import numpy as np
 
+from millcal.report import svg
 from millcal.report.digits import log_tick_labels, log_ticks, nice_ticks, tick_labels
 
 
@@ -91,7 +92,15 @@ class Note:
     kind: str = "note"
 
 
-Item = Line | Band | Marks | Whiskers | Span | Rule | Note
+@dataclass(frozen=True)
+class Tags:
+    """Short names of places of the abscissa, above the panel, pushed apart where they would overlap."""
+
+    at: Sequence[float]
+    labels: Sequence[str]
+
+
+Item = Line | Band | Marks | Whiskers | Span | Rule | Note | Tags
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +114,8 @@ class Panel:
     log: bool = False
     ticks: Sequence[tuple[float, str]] | None = None  # None: round numbers
     most_ticks: int = 5
+    right_label: str = ""  # of a second ordinate, in the values of the first
+    right_ticks: Sequence[tuple[float, str]] = ()
 
 
 @dataclass(frozen=True)
@@ -121,6 +132,7 @@ class Frame:
 
 HALF = Frame(width=450.0, left=52.0, right=20.0, head=25.0, foot=40.0, css="half")
 SMALL = Frame(width=320.0, left=44.0, right=16.0, head=23.0, foot=40.0, css="small")
+TAG = 14.0  # height of a row of tags
 
 
 class _Scale:
@@ -175,52 +187,16 @@ def thin(x: np.ndarray, y: np.ndarray, most: int) -> np.ndarray:
     return np.array(sorted(chosen))
 
 
-def _number(value: float) -> str:
-    return f"{value:.1f}".removesuffix(".0")
-
-
-def _pairs(x: np.ndarray, y: np.ndarray) -> str:
-    return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x.tolist(), y.tolist(), strict=True))
-
-
-def _runs(*values: np.ndarray) -> list[slice]:
-    """Stretches in which all values are finite."""
-    good = np.all([np.isfinite(v) for v in values], axis=0)
-    steps = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(int), [0]])))
-    return [slice(a, b) for a, b in zip(steps[::2], steps[1::2], strict=True)]
-
-
-def _text(x: float, y: float, text: str, kind: str, anchor: str = "start") -> str:
-    return f'<text class="{kind}" x="{_number(x)}" y="{_number(y)}" text-anchor="{anchor}">{escape(text)}</text>'
-
-
-def _mark(x: float, y: float, shape: str, size: float) -> str:
-    a, b, s = _number(x), _number(y), size
-    if shape in ("dot", "ring"):
-        return f'<circle cx="{a}" cy="{b}" r="{s:g}"/>'
-    if shape == "square":
-        return f'<rect x="{_number(x - s)}" y="{_number(y - s)}" width="{2 * s:g}" height="{2 * s:g}"/>'
-    if shape == "diamond":
-        r = 1.35 * s
-        return f'<path d="M{a},{_number(y - r)}l{r:g},{r:g}l-{r:g},{r:g}l-{r:g},-{r:g}z"/>'
-    if shape == "triangle":
-        r = 1.2 * s
-        return f'<path d="M{a},{_number(y - r)}l{r:g},{2 * r:g}h-{2 * r:g}z"/>'
-    if shape == "cross":
-        return f'<path d="M{_number(x - s)},{_number(y - s)}l{2 * s:g},{2 * s:g}m0,-{2 * s:g}l-{2 * s:g},{2 * s:g}"/>'
-    return f'<path d="M{_number(x - s)},{b}h{2 * s:g}"/>'  # dash
-
-
 def _draw(item: Item, sx: _Scale, sy: _Scale, width: float, height: float) -> list[str]:
     """The item in the panel's own coordinates; what leaves the panel is cut off by the inner svg."""
     if isinstance(item, Line):
         x, y = sx(item.x), sy(item.y)
-        return [f'<polyline class="line {item.kind}" points="{_pairs(x[run], y[run])}"/>' for run in _runs(x, y)]
+        return [f'<polyline class="line {item.kind}" points="{svg.pairs(x[run], y[run])}"/>' for run in svg.runs(x, y)]
     if isinstance(item, Band):
         x, low, high = sx(item.x), sy(item.low), sy(item.high)
         parts = []
-        for run in _runs(x, low, high):
-            points = f"{_pairs(x[run], high[run])} {_pairs(x[run][::-1], low[run][::-1])}"
+        for run in svg.runs(x, low, high):
+            points = f"{svg.pairs(x[run], high[run])} {svg.pairs(x[run][::-1], low[run][::-1])}"
             parts.append(f'<polygon class="band {item.kind}" points="{points}"/>')
         return parts
     if isinstance(item, Span):
@@ -228,37 +204,39 @@ def _draw(item: Item, sx: _Scale, sy: _Scale, width: float, height: float) -> li
         start, stop = max(start, 0.0), min(stop, width)
         if stop <= start:
             return []
-        area = f'<rect class="span {item.kind}" x="{_number(start)}" y="0" width="{_number(stop - start)}"'
-        return [f'{area} height="{_number(height)}"/>']
+        area = f'<rect class="span {item.kind}" x="{svg.number(start)}" y="0" width="{svg.number(stop - start)}"'
+        return [f'{area} height="{svg.number(height)}"/>']
     if isinstance(item, Rule):
         if item.axis == "y":
             y = float(sy(item.at))
-            parts = [f'<path class="{item.kind}" d="M0,{_number(y)}h{_number(width)}"/>']
-            return parts + ([_text(width - 4, y - 5, item.label, "note", "end")] if item.label else [])
+            parts = [f'<path class="{item.kind}" d="M0,{svg.number(y)}h{svg.number(width)}"/>']
+            return parts + ([svg.text(width - 4, y - 5, item.label, "note", "end")] if item.label else [])
         x = float(sx(item.at))
-        parts = [f'<path class="{item.kind}" d="M{_number(x)},0v{_number(height)}"/>']
-        return parts + ([_text(x + 4, 12, item.label, "note")] if item.label else [])
+        parts = [f'<path class="{item.kind}" d="M{svg.number(x)},0v{svg.number(height)}"/>']
+        return parts + ([svg.text(x + 4, 12, item.label, "note")] if item.label else [])
+    if isinstance(item, Tags):
+        return []  # they stand above
     if isinstance(item, Note):
-        return [_text(float(sx(item.x)), float(sy(item.y)), item.text, item.kind, item.anchor)]
+        return [svg.text(float(sx(item.x)), float(sy(item.y)), item.text, item.kind, item.anchor)]
     if isinstance(item, Whiskers):
         along, across = (sx, sy) if item.lying else (sy, sx)
         at, low, high = across(item.at), along(item.low), along(item.high)
         good = np.isfinite(at) & np.isfinite(low) & np.isfinite(high)
         shape = "M{b},{a}H{c}m0,-4v8M{b},{a4}v8" if item.lying else "M{a},{b}V{c}m-3,0h6M{a3},{b}h6"
         d = "".join(
-            shape.format(a=_number(a), a3=_number(a - 3), a4=_number(a - 4), b=_number(b), c=_number(c))
+            shape.format(a=svg.number(a), a3=svg.number(a - 3), a4=svg.number(a - 4), b=svg.number(b), c=svg.number(c))
             for a, b, c in zip(at[good], low[good], high[good], strict=True)
         )
         return [f'<path class="whisker {item.kind}" d="{d}"/>'] if d else []
     x, y = sx(item.x), sy(item.y)
     good = np.flatnonzero((x >= -0.5) & (x <= width + 0.5) & (y >= -0.5) & (y <= height + 0.5))
-    shapes = "".join(_mark(float(x[i]), float(y[i]), item.shape, item.size) for i in good)
+    shapes = "".join(svg.mark(float(x[i]), float(y[i]), item.shape, item.size) for i in good)
     parts = [f'<g class="marks {item.shape} {item.kind}">{shapes}</g>'] if shapes else []
     for i in good[: len(item.labels)]:
         text, a = item.labels[i], float(x[i])
         anchor = "start" if a < 6 * len(text) / 2 else "end" if a > width - 6 * len(text) / 2 else "middle"
         parts.append(
-            _text(a, float(y[i]) + (item.size + 14 if item.below else -item.size - 5), text, "note strong", anchor)
+            svg.text(a, float(y[i]) + (item.size + 14 if item.below else -item.size - 5), text, "note strong", anchor)
         )
     return parts
 
@@ -278,7 +256,30 @@ def _end_labels(lines: Sequence[Line], sx: _Scale, sy: _Scale, height: float, x:
         if over <= 0:
             break
         entry[0] -= over
-    return [_text(x, top + y + 4, label, f"series {kind}") for y, label, kind in placed]
+    return [svg.text(x, top + y + 4, label, f"series {kind}") for y, label, kind in placed]
+
+
+def _tags(panel: Panel, sx: _Scale, frame: Frame, top: float) -> list[str]:
+    """Tags in a row between the ordinate's label and the panel, each joined to its place."""
+    parts = []
+    for item in (i for i in panel.items if isinstance(i, Tags)):
+        placed = sorted(
+            (frame.left + float(sx(at)), 3.6 * len(label) + 2, label)
+            for at, label in zip(item.at, item.labels, strict=True)
+        )
+        middles = [x for x, _, _ in placed]
+        for i in range(1, len(placed)):
+            middles[i] = max(middles[i], middles[i - 1] + placed[i - 1][1] + placed[i][1])
+        limit = frame.width - (placed[-1][1] if placed else 0.0)
+        for i in reversed(range(len(placed))):
+            middles[i] = min(middles[i], limit)
+            limit = middles[i] - placed[i][1] - (placed[i - 1][1] if i else 0.0)
+        for (x, _, label), middle in zip(placed, middles, strict=True):
+            parts.append(
+                f'<path class="zero" d="M{svg.number(x)},{svg.number(top)}L{svg.number(middle)},{svg.number(top - 5)}"/>'
+            )
+            parts.append(svg.text(middle, top - 7, label, "tick strong", "middle"))
+    return parts
 
 
 def _brackets(panel: Panel, sx: _Scale, frame: Frame, top: float) -> list[str]:
@@ -290,11 +291,11 @@ def _brackets(panel: Panel, sx: _Scale, frame: Frame, top: float) -> list[str]:
         start, stop = (frame.left + float(np.clip(sx(value), 0.0, inner)) for value in (item.start, item.stop))
         if stop - start < 1:
             continue
-        d = f"M{_number(start)},{_number(top - 1)}v-4H{_number(stop)}v4"
+        d = f"M{svg.number(start)},{svg.number(top - 1)}v-4H{svg.number(stop)}v4"
         parts.append(f'<path class="axis" d="{d}"/>')
         middle, half = (start + stop) / 2, 3.3 * len(item.label)
         if middle - half > free and middle + half < frame.width:
-            parts.append(_text(middle, top - 9, item.label, "note", "middle"))
+            parts.append(svg.text(middle, top - 9, item.label, "note", "middle"))
             free = middle + half + 6
     return parts
 
@@ -316,12 +317,14 @@ def chart(
     x_ticks: Sequence[tuple[float, str]] | None = None,
     x_log: bool = False,
     hover: bool = False,
+    by_point: bool = False,
 ) -> str:
     """The chart as an `<svg>` element.
 
     label : says what is drawn, for those who do not see it
     x_ticks : (value, text) of each tick; None: round numbers
     hover : readable point by point with the mouse and the arrow keys; the page's script needs where the panels lie
+    by_point : the point nearest in both directions is read, its ordinate in the figure's second column, not the nearest in x
     """
     frame = frame or Frame()
     inner = frame.width - frame.left - frame.right
@@ -332,8 +335,9 @@ def chart(
     columns = [(frame.left + float(sx(value)), text) for value, text in x_ticks]
     parts: list[str] = []
     top = 0.0
-    for panel in panels:
-        top += frame.head
+    heads = [frame.head + (TAG if any(isinstance(item, Tags) for item in panel.items) else 0.0) for panel in panels]
+    for panel, head in zip(panels, heads, strict=True):
+        top += head
         sy = _Scale(panel.y_range, (panel.height, 0.0), panel.log)
         if panel.ticks is not None:
             ticks = list(panel.ticks)
@@ -341,32 +345,43 @@ def chart(
             values = (log_ticks if panel.log else nice_ticks)(*panel.y_range, panel.most_ticks)
             ticks = list(zip(values, (log_tick_labels if panel.log else tick_labels)(values), strict=True))
         rows = [(top + float(sy(value)), text) for value, text in ticks]
-        grid = "".join(f"M{_number(frame.left)},{_number(y)}h{_number(inner)}" for y, _ in rows)
-        grid += "".join(f"M{_number(x)},{_number(top)}v{_number(panel.height)}" for x, _ in columns)
+        grid = "".join(f"M{svg.number(frame.left)},{svg.number(y)}h{svg.number(inner)}" for y, _ in rows)
+        grid += "".join(f"M{svg.number(x)},{svg.number(top)}v{svg.number(panel.height)}" for x, _ in columns)
         parts.append(f'<path class="grid" d="{grid}"/>')
-        box = f'x="{_number(frame.left)}" y="{_number(top)}" width="{_number(inner)}" height="{_number(panel.height)}"'
+        box = f'x="{svg.number(frame.left)}" y="{svg.number(top)}" width="{svg.number(inner)}" height="{svg.number(panel.height)}"'
         drawn = [(item, "".join(_draw(item, sx, sy, inner, panel.height))) for item in panel.items]
         cut_off = "".join(text for item, text in drawn if not isinstance(item, Marks))
         parts.append(f"<svg {box}>{cut_off}</svg>")
-        parts.append(f'<path class="axis" d="M{_number(frame.left)},{_number(top + panel.height)}h{_number(inner)}"/>')
+        parts.append(
+            f'<path class="axis" d="M{svg.number(frame.left)},{svg.number(top + panel.height)}h{svg.number(inner)}"/>'
+        )
         whole = "".join(text for item, text in drawn if isinstance(item, Marks))  # a mark on the rim is not cut in half
         if whole:
-            parts.append(f'<g transform="translate({_number(frame.left)} {_number(top)})">{whole}</g>')
-        parts += [_text(frame.left - 6, y + 4, text, "tick", "end") for y, text in rows]
-        parts.append(_text(2, top - 9, panel.label, "label"))
+            parts.append(f'<g transform="translate({svg.number(frame.left)} {svg.number(top)})">{whole}</g>')
+        parts += [svg.text(frame.left - 6, y + 4, text, "tick", "end") for y, text in rows]
+        parts.append(svg.text(2, top + frame.head - head - 9, panel.label, "label"))
+        parts += [
+            svg.text(frame.left + inner + 6, top + float(sy(y)) + 4, text, "tick") for y, text in panel.right_ticks
+        ]
+        if panel.right_label:
+            parts.append(svg.text(frame.width - 2, top + frame.head - head - 9, panel.right_label, "label", "end"))
+        parts += _tags(panel, sx, frame, top)
         parts += _brackets(panel, sx, frame, top)
         lines = [item for item in panel.items if isinstance(item, Line)]
         parts += _end_labels(lines, sx, sy, panel.height, frame.left + inner + 6, top)
         top += panel.height
-    parts += [_text(x, top + 16, text, "tick", "middle") for x, text in columns]
-    parts.append(_text(frame.left + inner, top + frame.foot - 7, x_label, "label", "end"))
-    size = f'viewBox="0 0 {_number(frame.width)} {_number(top + frame.foot)}"'
+    parts += [svg.text(x, top + 16, text, "tick", "middle") for x, text in columns]
+    parts.append(svg.text(frame.left + inner, top + frame.foot - 7, x_label, "label", "end"))
+    size = f'viewBox="0 0 {svg.number(frame.width)} {svg.number(top + frame.foot)}"'
     reading = ""
     if hover:
         reading = (
             f' tabindex="0" data-x="{x_range[0]:.9g} {x_range[1]:.9g}"{" data-log" if x_log else ""}'
-            f' data-box="{_number(frame.left)} {_number(frame.head)} {_number(inner)} {_number(top - frame.head)}"'
+            f' data-box="{svg.number(frame.left)} {svg.number(heads[0])} {svg.number(inner)} {svg.number(top - heads[0])}"'
         )
+        if by_point:
+            low, high = panels[0].y_range
+            reading += f' data-y="{low:.9g} {high:.9g}"'
     return (
         f'<svg class="chart {frame.css}" {size} role="img" aria-label="{escape(label)}"{reading}>{"".join(parts)}</svg>'
     )

@@ -5,7 +5,7 @@ save. Any record may be missing: its sections are then left out. The page loads 
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ import jinja2
 from markupsafe import Markup, escape
 
 from millcal.data import Coefficients, CutForce, Frf, Modes, StabilityMap
-from millcal.report import figures, force_figures, notices, stability_figure, tables
+from millcal.report import figures, force_figures, modal_figures, modal_tables, notices, stability_figure, tables
 from millcal.report.digits import fixed, nominal, plus_minus, rounded_down, significant
 from millcal.report.driving_points import driving_pairs
 from millcal.report.wording import (
@@ -68,7 +68,8 @@ def render(results: Mapping[str, Any], summary: Mapping[str, Any], provenance: M
     sections = [
         _measured(cuts, fit, summary, provenance),
         _quality(cuts, frf),
-        _dynamics(frf, modes),
+        _dynamics(frf),
+        _modal(modes),
         _dynamometer(sensor),
         _force(fit, cuts),
         _coefficients(fit),
@@ -76,9 +77,9 @@ def render(results: Mapping[str, Any], summary: Mapping[str, Any], provenance: M
     ]
     return _TEMPLATES.get_template("page.html.j2").render(
         title=summary.get("title") or "Calibration report",
-        subtitle=_subtitle(cuts, fit, frf),
+        subtitle=_subtitle(cuts, fit, frf, modes),
         verdicts=_verdicts(fit, map_, summary),
-        key_numbers=_key_numbers(fit, map_, frf),
+        key_numbers=_key_numbers(fit, map_, frf, modes),
         expected=tables.expected(summary),
         sections=[section for section in sections if section],
         warnings=notices.grouped(summary, records, "warning"),
@@ -153,12 +154,46 @@ def _quality(cuts: Sequence[CutForce], frf: Frf | None) -> dict | None:
     )
 
 
-def _dynamics(frf: Frf | None, modes: Modes | None) -> dict | None:
-    if frf is None:
-        return _section("structure", "Structure", _table(tables.modes(modes)) if modes is not None else None)
+def _dynamics(frf: Frf | None) -> dict | None:
+    return _section("frf", "Frequency response", *_curves(frf)) if frf is not None else None
+
+
+def _modal(modes: Modes | None) -> dict | None:
+    """The modes: given by hand, or fitted and then with everything that makes them believable."""
+    if modes is None:
+        return None
+    if modes.fit is None:
+        return _section("structure", "Structure", _table(modal_tables.modes(modes)))
+    fit = modes.fit
+    lost = modal_tables.taken_away_in_words(fit)
+    key = modal_figures.key(fit)
+    driving, cross = modal_figures.driving_points(modes, fit), modal_figures.cross(modes, fit)
     return _section(
-        "frf", "Frequency response", *_curves(frf), _table(tables.modes(modes)) if modes is not None else None
+        "modes",
+        "Modes",
+        {"kind": "text", "text": modal_tables.fit_in_words(fit)},
+        {"kind": "text", "text": lost} if lost else None,
+        _table(modal_tables.modes(modes)),
+        _table(modal_tables.stiffness(modes)),
+        _figures(
+            driving, "Fitted over measured at the driving points", _drawn(driving, fit.driving_points), "halves", key
+        ),
+        _figures(
+            cross,
+            "Fitted over measured between other points and directions",
+            _drawn(cross, modal_figures.cross_pairs(fit)),
+            "thirds",
+            key,
+        ),
+        _table(modal_tables.residual(fit)),
+        _figure(modal_figures.stabilisation(modes, fit)),
+        _table(modal_tables.alike(modes)),
+        _figure(modal_figures.shapes(modes, fit)),
     )
+
+
+def _drawn(shown: Sequence[figures.Figure], there: Collection) -> str:
+    return f"{len(shown)} of {len(there)} are drawn." if len(shown) < len(there) else ""
 
 
 def _dynamometer(sensor: Frf | None) -> dict | None:
@@ -258,7 +293,7 @@ def _stability(map_: StabilityMap | None, fit: Coefficients | None) -> dict | No
     )
 
 
-def _subtitle(cuts: Sequence[CutForce], fit: Coefficients | None, frf: Frf | None) -> str:
+def _subtitle(cuts: Sequence[CutForce], fit: Coefficients | None, frf: Frf | None, modes: Modes | None) -> str:
     parts = []
     cutter = fit.cutter if fit is not None else cuts[0].cutter if cuts else None
     if cutter is not None:
@@ -267,6 +302,8 @@ def _subtitle(cuts: Sequence[CutForce], fit: Coefficients | None, frf: Frf | Non
     parts += [f"{n} cuts" if n > 1 else "1 cut"] if n else []
     if frf is not None:
         parts.append(f"impact test {', '.join(frf.inputs)}")
+    if modes is not None and modes.fit is not None:
+        parts.append(f"{len(modes.axes)} modes")
     return " · ".join(parts)
 
 
@@ -282,7 +319,9 @@ def _verdicts(fit: Coefficients | None, map_: StabilityMap | None, summary: Mapp
     return said
 
 
-def _key_numbers(fit: Coefficients | None, map_: StabilityMap | None, frf: Frf | None) -> list[dict]:
+def _key_numbers(
+    fit: Coefficients | None, map_: StabilityMap | None, frf: Frf | None, modes: Modes | None
+) -> list[dict]:
     """The numbers to take along: what, how much, unit, a word."""
     numbers = []
     if fit is not None:
@@ -304,7 +343,9 @@ def _key_numbers(fit: Coefficients | None, map_: StabilityMap | None, frf: Frf |
             word = f"limit {significant(limit)} mm" if safe is None else f"safe to {rounded_down(safe * 1e3, 2)} mm"
             speed = fixed(to_shop(best.spindle_speed, "spindle_speed_rpm"), 0)
             numbers.append({"name": "Best speed", "value": speed, "unit": "rpm", "word": word})
-    if frf is not None and not numbers:
+    if modes is not None and modes.fit is not None and not numbers:
+        numbers += modal_tables.key_numbers(modes)
+    if frf is not None and fit is None and map_ is None:
         low, high = (significant(end) for end in frf.usable_band)
         numbers.append({"name": "Usable band", "value": f"{low} to {high}", "unit": "Hz", "word": ""})
         if frf.hits:

@@ -3,21 +3,25 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from millcal.data import AXES, Coefficients, CutForce, Frf, Modes, StabilityMap
+from millcal.data import AXES, Coefficients, CutForce, Frf, StabilityMap
 from millcal.report.digits import UNKNOWN, decimals_for, fixed, nominal, rounded_down, significant, with_interval
 from millcal.report.wording import channels_in_words, cut_names, parameter, percent, short_names
 from millcal.units import to_shop
 
 MOST_PEAKS = 12  # lines of the spectrum that are listed
+SHADES = 9  # of cells that show a number by their colour too
 
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of text under headings; `groups` spans headings, `words` names the columns that hold words, not numbers."""
+    """Rows of text under headings; `groups` spans headings, `words` names the columns that hold words, not numbers.
+
+    `levels` shades the cells, 0 to SHADES - 1 or none, in the colour of agreement or of doubt.
+    """
 
     title: str
     headings: Sequence[str]
@@ -25,6 +29,8 @@ class Table:
     groups: Sequence[tuple[str, int]] = ()
     words: Sequence[int] = (0,)
     note: str = ""
+    levels: Sequence[Sequence[int | None]] = ()  # (row, column)
+    shade: Literal["agree", "doubt"] = "agree"
 
 
 def _rpm(speed: float) -> float:
@@ -174,15 +180,6 @@ def hits(frf: Frf) -> Table | None:
     used = sum(hit.accepted for hit in frf.hits)
     note = f"{used} of {len(rows)} hits used."
     return Table("Hits of the impact test", headings, rows, words=(0, 4, 5), note=note) if rows else None
-
-
-def modes(found: Modes) -> Table:
-    """The modes that the stability map stands on."""
-    rows = [
-        [axis, significant(float(f), 4), fixed(100 * float(z), 2), significant(float(k) / 1e6)]
-        for axis, f, z, k in zip(found.axes, found.natural_frequency, found.damping_ratio, found.stiffness, strict=True)
-    ]
-    return Table("Modes of the structure", ("axis", "f_n, Hz", "ζ, %", "k, N/µm"), rows)
 
 
 def coefficients(fit: Coefficients) -> Table:

@@ -88,6 +88,14 @@ def test_a_shape_is_found_whatever_its_phase_and_whichever_side_was_moved(turn, 
     assert found[0].real.max() == pytest.approx(1.0)
 
 
+def test_a_pair_that_was_not_measured_leaves_its_place_in_the_shape_open_and_the_others_as_they_are():
+    residue = 1j * np.outer([0.3, -1.0, 0.7], [1.0, 0.2])[np.newaxis]
+    residue[0, 0, 0] = np.nan
+    found = mode_shapes(residue)[0]
+    assert np.isnan(found[0])
+    assert found[1:] == pytest.approx([1.0, -0.7])
+
+
 def test_the_shape_of_a_structure_is_that_of_its_receptance_at_resonance():
     mode = ShapedMode(800.0, 0.01, 1e7, (("tipX", 1.0), ("tipY", -0.4), ("noseX", 0.25)))
     dofs = ("tipX", "tipY", "noseX")

@@ -5,7 +5,22 @@ import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 
-from millcal.report.charts import Band, Line, Marks, Panel, Rule, Span, Whiskers, chart, decades_of, span_of, thin
+from millcal.report.charts import (
+    HALF,
+    Band,
+    Frame,
+    Line,
+    Marks,
+    Panel,
+    Rule,
+    Span,
+    Tags,
+    Whiskers,
+    chart,
+    decades_of,
+    span_of,
+    thin,
+)
 
 
 def drawn(*items, **options):
@@ -80,3 +95,23 @@ def test_ranges_hold_all_finite_values_and_never_collapse():
     assert low < 2.0 < high
     low, high = decades_of(np.array([0.0, np.nan, 1e-30, 5.0]))
     assert 0 < low < 5.0 < high
+
+
+def test_tags_stand_above_the_panel_in_order_and_do_not_overlap():
+    panel = Panel("magnitude", [Tags((5.0, 5.05, 5.1, 9.99), ("1", "2", "3", "4"))], 100, (0.0, 1.0))
+    tree = ElementTree.fromstring(chart([panel], x_label="x", x_range=(0.0, 10.0), label="tags", frame=HALF))
+    tags = [text for text in tree.iter("text") if text.get("class") == "tick strong"]
+    places = [float(tag.get("x")) for tag in tags]
+    assert [tag.text for tag in tags] == ["1", "2", "3", "4"]
+    assert min(np.diff(places)) >= 10
+    assert places[-1] < HALF.width
+    label = next(text for text in tree.iter("text") if text.text == "magnitude")
+    assert float(label.get("y")) < float(tags[0].get("y")) - 10
+
+
+def test_a_second_ordinate_stands_at_the_right_in_the_places_of_the_first():
+    panel = Panel("left", [], 100, (0.0, 10.0), right_label="right, N", right_ticks=[(0.0, "one"), (10.0, "ten")])
+    tree = ElementTree.fromstring(chart([panel], x_label="x", x_range=(0.0, 1.0), label="two", frame=Frame(right=60)))
+    heights = {text.text: float(text.get("y")) for text in tree.iter("text")}
+    assert heights["one"] - heights["ten"] == 100
+    assert "right, N" in heights

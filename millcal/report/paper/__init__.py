@@ -8,22 +8,26 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from millcal.report.paper import coefficients, forces, frf, sheet, stability
+from millcal.report.paper import coefficients, forces, frf, modes, sheet, stability
 
-NAMES = re.compile(r"stability-map|frf(-\d+)?|force-revolution(-\d+)?|mean-force|coefficients")  # of all there can be
+NAMES = re.compile(
+    r"stability-map|frf(-\d+)?|modal-fit(-\d+)?|modal-chart|force-revolution(-\d+)?|mean-force|coefficients"
+)  # of all there can be
 
 
 def figures_of(results: Mapping[str, Any]) -> dict[str, Any]:
     """Every figure that the records give, by name; to be called and used within `sheet.style()`.
 
-    results : as for the page, any of "cuts", "frf", "coefficients", "stability"
+    results : as for the page, any of "cuts", "frf", "modes", "coefficients", "stability"
     """
     cuts, fit = tuple(results.get("cuts") or ()), results.get("coefficients")
     figures = {}
     if results.get("stability") is not None:
         figures["stability-map"] = stability.stability_map(results["stability"])
     if results.get("frf") is not None:
-        figures |= frf.driving_points(results["frf"])
+        figures |= frf.driving_points(results["frf"], results.get("modes"))
+    if results.get("modes") is not None:
+        figures |= modes.modal_figures(results["modes"])
     if fit is not None:
         figures |= forces.revolutions(fit, cuts)
         figures["mean-force"] = forces.mean_force(fit, cuts)

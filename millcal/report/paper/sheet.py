@@ -24,7 +24,7 @@ MM = 1 / 25.4  # inches
 
 INK, MUTED, GRID = "#1a1f26", "#58616d", "#e9ecf0"
 MAIN, MODEL = "#0b5cad", "#c2410c"
-STABLE, USABLE, BAND = "#dcebf8", "#eef2f6", "#a9c8e6"
+STABLE, USABLE, BAND, LEFT = "#dcebf8", "#eef2f6", "#a9c8e6", "#d3d7dc"
 
 _STYLE = {
     "font.family": "DejaVu Sans",  # comes with matplotlib, so it is the same everywhere
@@ -91,11 +91,17 @@ def style() -> Iterator[None]:
 
 
 def sheet(
-    width: float, height: float, rows: int = 1, columns: int = 1, *, heights: Sequence[float] | None = None
+    width: float,
+    height: float,
+    rows: int = 1,
+    columns: int = 1,
+    *,
+    heights: Sequence[float] | None = None,
+    widths: Sequence[float] | None = None,
 ) -> tuple[Figure, np.ndarray]:
     """An empty figure, width and height in mm, with its panels.   returns the figure and its axes (row, column)"""
     figure = Figure(figsize=(width * MM, height * MM))
-    return figure, figure.subplots(rows, columns, squeeze=False, height_ratios=heights)
+    return figure, figure.subplots(rows, columns, squeeze=False, height_ratios=heights, width_ratios=widths)
 
 
 def file_bytes(figure: Figure, format: str) -> bytes:

@@ -5,12 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from modal_fits import cut_off, single, six_by_three
 
 from millcal.data import Posterior, StabilityMap
 from millcal.report.paper import figures_of, sheet
 
 WANTED = {  # figures of a hard case that are like none before
     "seven cuts, two alike": "force-revolution-[1367]|mean",
+    "a record cut off": "modal-fit",
     "another law": "coefficients",
     "no other model": "coefficients",
 }
@@ -61,7 +63,7 @@ def stability(stability) -> StabilityMap:
 
 @pytest.fixture(scope="session")
 def results(cuts, coefficients, frf, stability) -> dict:
-    return {"cuts": cuts, "coefficients": coefficients, "frf": frf, "stability": stability}
+    return {"cuts": cuts, "coefficients": coefficients, "frf": frf, "modes": six_by_three(), "stability": stability}
 
 
 @pytest.fixture(scope="session")
@@ -89,6 +91,8 @@ def hard_results(coefficients, frf, stability) -> dict[str, dict]:
     no_limit = replace(rigid, limit_depth=np.full_like(rigid.limit_depth, np.inf), absolute_minimum=np.inf)
     return {
         "one direction, one hit": {"frf": one},
+        "one FRF without hits": {"modes": single()},
+        "a record cut off": {"modes": cut_off()},
         "no driving point": {"frf": crossed},
         "without a limit at high speed": {"stability": rigid},
         "without any limit": {"stability": no_limit},

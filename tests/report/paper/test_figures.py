@@ -107,7 +107,9 @@ def test_no_type_is_smaller_than_seven_points(figures):
 
 def test_all_records_give_all_figures(results):
     with sheet.style():
-        assert set(figures_of(results)) == {"stability-map", "frf", "force-revolution", "mean-force", "coefficients"}
+        assert set(figures_of(results)) == {
+            "stability-map", "frf", "modal-fit", "modal-chart", "force-revolution", "mean-force", "coefficients",
+        }  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -115,6 +117,7 @@ def test_all_records_give_all_figures(results):
     [
         ("cuts", set()),
         ("frf", {"frf"}),
+        ("modes", {"modal-fit", "modal-chart"}),
         ("coefficients", {"force-revolution", "mean-force", "coefficients"}),
         ("stability", {"stability-map"}),
     ],
