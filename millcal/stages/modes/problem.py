@@ -53,6 +53,11 @@ class Problem:
         """A matrix of nan over all outputs and inputs, for tests to put theirs in.   returns (..., output, input)"""
         return np.full((*leading, len(self.outputs), len(self.inputs)), np.nan, dtype)
 
+    def without_losses(self) -> "Problem":
+        """The same as if no window had taken anything away."""
+        tests = (replace(test, channels=test.channels._replace(loss=None)) for test in self.tests)
+        return replace(self, tests=tuple(tests))
+
     def turned(self, delay: np.ndarray) -> "Problem":
         """The same with delays taken out of the values.   delay : (output,) s, of the response behind the force"""
         return replace(self, tests=tuple(_turned(test, np.nan_to_num(delay)) for test in self.tests))

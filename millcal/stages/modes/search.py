@@ -22,6 +22,7 @@ from millcal.stages.modes.problem import Problem
 REMAINDER = (-2, 0, 2)  # powers of s: mass below the band, flexibility above it, and its rise towards the next mode
 ORDERS = tuple(range(2, 17))  # of the stabilisation chart
 SURE = 4  # orders that have a pole which is no accident
+LITTLE = 0.02  # share of a mode's amplitude that is left where a window begins to fall
 COMPLEX_GAIN = 0.5  # share of the squared residual that complex modes may leave, to be taken
 AS_GOOD = 1.2  # times the squared residual of complex modes that a delay may leave, to be believed instead
 
@@ -59,15 +60,22 @@ def stabilisation_chart(problem: Problem) -> Poles:
     return search_poles(problem.frequency, np.nan_to_num(values), weight / max(weight.max(), 1e-300), orders)
 
 
-def thinning(problem: Problem, poles: Poles) -> int:
-    """Every how many lines will do for the search: two within half the width of the narrowest pole that several orders have."""
+def for_the_search(problem: Problem, poles: Poles) -> tuple[int, bool]:
+    """What the search may do without, by the poles that several orders have.
+
+    returns every how many lines will do, so that two lie within half the width of the narrowest pole, and whether the
+    windows take away so little that it may be left to the last digits
+    """
     frequency, damping, count = groups_of(poles)
     sure = count >= SURE
     if not sure.any():
-        return 1
-    narrowest = float((frequency * damping)[sure].min())
+        return 1, False
+    half_widths = (frequency * damping)[sure]  # Hz
     spacing = float(problem.frequency[1] - problem.frequency[0])
-    return int(np.clip(narrowest / (2 * spacing), 1, max(1, len(problem.lines) // 200)))
+    every = int(np.clip(half_widths.min() / (2 * spacing), 1, max(1, len(problem.lines) // 200)))
+    losses = [channels.loss for channels in problem.channels if channels.loss is not None]
+    left = [np.exp(-2 * np.pi * half_widths.min() * loss.reach.min() * loss.interval) for loss in losses]
+    return every, max(left, default=0.0) < LITTLE
 
 
 def search(
