@@ -19,6 +19,7 @@ from millcal.physics.structure import DERIVATIVES, convert_frf, convert_frf_vari
 SAME = 1e-3  # of a step, beside the digits that an abscissa is written with: frequencies this close are one line
 WRITTEN = 2e-5  # relative; twice the sixth digit
 FEWEST = 2  # lines
+LARGEST = 1e30  # in any unit; what is larger is damage, and its square would overflow
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +112,21 @@ def check_frequency(where: str, frequency: np.ndarray) -> None:
             f"{where}: the first column runs from {frequency[0]:g} to {frequency[-1]:g} in steps of {np.median(steps):.3g}, "
             "which are times and no frequencies; 'millcal frf' makes an FRF of a recording"
         )
+
+
+def known_values(where: str, values: np.ndarray) -> np.ndarray:
+    """Values as they are, nan where one is infinite, as a line at rest may be; refused where no measurement can be so large.
+
+    values : complex (frequency,)   returns the same shape
+    """
+    values = np.where(np.isfinite(values), values, complex(np.nan, np.nan))
+    size = np.maximum(np.abs(values.real), np.abs(values.imag))
+    if np.nanmax(size, initial=0.0) > LARGEST:
+        line = int(np.nanargmax(size))
+        raise RecordingError(
+            f"{where}: a value of {size[line]:.1e} at line {line + 1}; damaged, copy or export it again"
+        )
+    return values
 
 
 def renamed(files: Sequence[Measured], outputs: Sequence[str], inputs: Sequence[str]) -> list[Measured]:

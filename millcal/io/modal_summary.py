@@ -77,11 +77,11 @@ def _fitted(modes: Modes, fit: ModalFit) -> list[dict[str, Any]]:
 
 
 def _constants(modes: Modes, output: int, given: int) -> list[dict[str, Any]]:
-    """k, m and c of each mode at one driving point with their intervals."""
+    """k, m and c of each mode at one driving point with their intervals; null with a low end where it hardly moves."""
     named = list(zip(("k_N_per_m", "m_kg", "c_Ns_per_m"), modes.driving_constants(output, given), strict=True))
     told: list[dict[str, Any]] = [{} for _ in modes.axes]
-    for name, estimate in named:
-        for entry, value, bounds in zip(told, estimate.value, modes.interval_by_inverse(estimate), strict=True):
+    for name, constant in named:
+        for entry, value, bounds in zip(told, constant.value, modes.interval_of_constant(constant), strict=True):
             entry[name] = _known(value)
             entry[f"{name}_ci95"] = _bounds(bounds)
     return told

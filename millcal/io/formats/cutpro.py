@@ -15,7 +15,7 @@ import numpy as np
 from millcal.data import Frf, Notice
 from millcal.errors import RecordingError
 from millcal.io.formats.dialect import HEAD, sniff_encoding
-from millcal.io.frf_pairs import Measured, Pair, check_frequency
+from millcal.io.frf_pairs import Measured, Pair, check_frequency, known_values
 from millcal.io.frf_units import frf_unit, stated_unit
 from millcal.io.results import write_text_atomically
 
@@ -56,7 +56,7 @@ def read_cutpro(path: Path, data: bytes, *, form: str | None = None, unit: str |
     if told:
         message = f"response {told['output']} and hammer {told['input']} are taken from the name of the file"
         notices.append(Notice("dofs-from-name", message, str(path), "note"))
-    values = factor * (table[1] + 1j * table[2])
+    values = factor * known_values(str(path), table[1] + 1j * table[2])
     pair = Pair(str(path), values, told and told["output"], told and told["input"], own)
     return Measured(
         path=path,

@@ -20,7 +20,7 @@ from millcal.data import Notice
 from millcal.errors import RecordingError
 from millcal.io.formats import dynoware
 from millcal.io.formats.dialect import HEAD, Dialect, is_comment, is_missing, sniff_dialect, split
-from millcal.io.frf_pairs import Measured, Pair, bare_dof, check_frequency
+from millcal.io.frf_pairs import Measured, Pair, bare_dof, check_frequency, known_values
 from millcal.io.frf_units import FORMS, form_of_words, frf_unit, stated_unit
 from millcal.io.keys import TextTable
 
@@ -221,7 +221,7 @@ def _values(
         magnitude, phase = table[parts["magnitude"]], table[parts["phase"]]
         unit, angle = cells[parts["magnitude"]].unit, (cells[parts["phase"]].unit or "").lower()
         if (unit or "").lower() == "db":
-            magnitude, unit = 10.0 ** (magnitude / 20), None
+            magnitude, unit = 10.0 ** (np.clip(magnitude, -600, 620) / 20), None
         if angle not in _ANGLES:
             angle = "deg" if np.nanmax(np.abs(phase), initial=0.0) > 2 * np.pi else ""
             if not angle:
@@ -239,7 +239,7 @@ def _values(
     form, factor = _form(label, unit, own, stated, problems)
     if stated[0] is not None and own not in (None, form):
         notices.append(Notice("form-overruled", f"{form} as stated, though the file says {own}", str(path)))
-    return raw * factor, form, factor
+    return known_values(place, raw) * factor, form, factor
 
 
 def _form(

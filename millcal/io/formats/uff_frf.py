@@ -21,7 +21,7 @@ from millcal.io.formats.uff import QUANTITIES, counted, is_time_record
 from millcal.io.formats.uff_dofs import LONGEST, dof_names, split_dof
 from millcal.io.formats.universal import Function, Universal
 from millcal.io.formats.universal_records import Axis, Dof
-from millcal.io.frf_pairs import Measured, Pair, bare_dof, check_frequency, check_same_lines
+from millcal.io.frf_pairs import Measured, Pair, bare_dof, check_frequency, check_same_lines, known_values
 from millcal.io.frf_units import FORM_OF, form_of_words, frf_unit, stated_unit
 from millcal.units import FILE_UNITS, normal_unit
 
@@ -59,7 +59,7 @@ def measured_of(found: Universal, *, form: str | None = None, unit: str | None =
             message = "real numbers without a phase are taken as the real part; export complex ones"
             notices.append(Notice("real-frf", message, record.where))
         output, reference = names[record.number]
-        values = factor * record.values().astype(complex)
+        values = factor * known_values(record.where, record.values().astype(complex))
         pairs.append(Pair(f"{record.where} ({output}/{reference})", values, output, reference, own))
     pairs, multiple = _with_coherence(found, pairs, records, names, frequency, notices)
     others = [f for f in found.functions if f.kind not in (FRF, TRANSMISSIBILITY, COHERENCE, MULTIPLE_COHERENCE)]

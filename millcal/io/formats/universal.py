@@ -100,10 +100,11 @@ class Function:
         """Values start..stop, complex where the record is.   returns (stop - start,) in the file's unit"""
         stop = self.count if stop is None else min(stop, self.count)
         if self.binary is not None:
-            values = self._from_bytes(start, stop)["y"].astype(np.float64)
-            return values.view(np.complex128)[:, 0] if self.is_complex else values[:, 0]
-        numbers = self._table()[1][:, start:stop]
-        return numbers[0] + 1j * numbers[1] if self.is_complex else numbers[0]
+            with np.errstate(invalid="ignore"):  # a signalling nan of single precision
+                values = self._from_bytes(start, stop)["y"].astype(np.float64)
+        else:
+            values = np.ascontiguousarray(self._table()[1][:, start:stop].T)
+        return values.view(np.complex128)[:, 0] if self.is_complex else values[:, 0]
 
     def _from_bytes(self, start: int, stop: int) -> np.ndarray:
         assert self.binary is not None
@@ -115,7 +116,7 @@ class Function:
         """Abscissa and ordinate: (count,) and (1 or 2, count); without an abscissa in the file the first is empty."""
         if self.binary is not None:
             rows = self._from_bytes(0, self.count)
-            return rows["x"].astype(np.float64), rows["y"].astype(np.float64).T
+            return rows["x"].astype(np.float64), rows["y"].T
         with open(self.path, "rb") as file:
             file.seek(self.start)
             text = file.read(self.stop - self.start)
@@ -316,6 +317,10 @@ def _function(
     if binary is not None:
         dtypes = _dtypes(form.ordinate, form.even, binary[0])
         dtype = next((d for d in reversed(dtypes) if at + form.count * d.itemsize <= end), dtypes[0])
+    elif 2 * form.count * (ORDINATES[form.ordinate][0] + (not form.even)) > end - at + 2:  # a digit and a blank each
+        raise RecordingError(
+            f"{where}: cut short, {end - at} bytes cannot hold {form.count} values; copy the file again"
+        )
     axes = [axis_of(where, line) for line in lines[7:10]]
     return Function(
         path=path,

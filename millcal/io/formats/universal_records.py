@@ -24,6 +24,7 @@ SYSTEMS = {
 _IDENTITY = re.compile(
     r"\s*(\d+)\s+(-?\d+)\s+(-?\d+)\s+(-?\d+)\s+(\S.*?)\s+(-?\d+)\s+(-?\d+)\s+(\S.*?)\s+(-?\d+)\s+(-?\d+)\s*"
 )
+_LARGEST = 1e30  # first abscissa or step; what is larger is damage
 _NAMELESS = ("", "NONE", "NULL", "N/A", "-", "?", "UNKNOWN")
 
 
@@ -106,7 +107,7 @@ def form_of(where: str, line: str) -> Form:
             )
         if count < 1:
             raise RecordingError(f"{where}: holds no values; leave it out of the export, or measure it again")
-        if even and not step > 0:
+        if max(abs(first), abs(step)) > _LARGEST or (even and not step > 0):
             raise RecordingError(
                 f"{where}: evenly spaced at steps of {step:g}; export the file again with its abscissa"
             )
@@ -165,7 +166,7 @@ def _number(text: str) -> float:
 def _rounding(text: str) -> float:
     """Half a unit of the last digit of a number as it is written."""
     found = re.fullmatch(r"\s*[+-]?\d*\.?(\d*)(?:[EeDd]([+-]?\d+))?\s*", text)
-    return 0.5 * 10.0 ** (int(found[2] or 0) - len(found[1])) if found else 0.0
+    return float(f"0.5E{int(found[2] or 0) - len(found[1])}") if found else 0.0
 
 
 def _widths(ordinate: int, even: bool) -> tuple[int, ...]:

@@ -192,9 +192,9 @@ def test_a_named_system_of_units_beats_factors_that_contradict_it(tmp_path):
 
 
 BROKEN = {
-    "without numbers": (text_record([])[:-8], "record 1: cut short, 0 of 4 numbers"),
+    "without numbers": (text_record([])[:-8], "record 1: cut short, 0 bytes cannot hold 4 values"),
     "in its header": (text_record(["1 2 3 4"])[:200], "record 1 of the universal file is cut short, before its numbers"),
-    "in its numbers": (text_record(["1 2 3"]), "record 1: cut short, 3 of 4 numbers"),
+    "in its numbers": (text_record(["1.0 2.0 3.0"]), "record 1: cut short, 3 of 4 numbers"),
     "in binary numbers": (binary_record(samples().tobytes(), count=64)[:-200], "record 1 .* is cut short, .* of 64 values"),
     "in a binary header": (binary_record(b"")[:100], "record 1 of the universal file is cut short"),
     "with a word": (text_record(["1 two 3 4"]), "record 1: its text holds something that is no number"),
