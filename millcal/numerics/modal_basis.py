@@ -48,8 +48,8 @@ def plan_loss(
     window_stop, window_fall : (hit, output) samples   mixing : (hit, input, line) f_h^H S_ff^-1   interval : s
     """
     samples = np.arange(force.shape[2])
-    loaded = force.any(axis=1)
-    last = np.where(loaded.any(axis=1), force.shape[2] - 1 - np.argmax(loaded[:, ::-1], axis=1), 0)
+    loaded = np.any(force != 0, axis=1)  # (hit, sample)
+    last = np.where(np.any(loaded, axis=1), force.shape[2] - 1 - np.argmax(loaded[:, ::-1], axis=1), 0)
     delay = np.exp(-s * window_stop.T[:, :, None] * interval)
     falls = tuple((int(fall), fall == window_fall.T) for fall in np.unique(window_fall))
     return Loss(
@@ -104,10 +104,9 @@ def pole_terms(
     distance = 1.0 / (s - pole[:, None])  # (pole, line)
     value = np.zeros((len(power), *distance.shape, inputs, inputs), complex)
     slope = np.zeros_like(value)
-    own = np.arange(inputs)
     for d in np.unique(power):
         plain = s**d * distance
-        for i in own:
+        for i in range(inputs):
             value[power == d, :, :, i, i] = plain
             slope[power == d, :, :, i, i] = plain * distance
     if loss is None:
@@ -127,17 +126,17 @@ def pole_terms(
     q = np.exp(p * D)[:, None] * np.exp(-s * D)
     scale, scale_slope = (part[:, :, None, None, None] * D for part in _power_of(p, power))  # (output, pole)
     for fall, mine in loss.falls:
-        own = mine.any(axis=1)
+        own = np.flatnonzero(mine.any(axis=1))  # outputs
         S, first = window_end(q, np.exp(p * (D * fall))[:, None] * np.exp(-s * (D * fall)), fall)  # (pole, line)
         if mine[own].all():
             sent, carried = both[own], loss.carried[own]
         else:
             sent, carried = both[own] * mine[own][:, None, None, None, :], loss.carried[own]
-        W = sent.reshape(int(own.sum()), -1, hits) @ carried.reshape(int(own.sum()), hits, -1)
+        W = sent.reshape(len(own), -1, hits) @ carried.reshape(len(own), hits, -1)
         W = W.reshape(-1, 2, len(p), inputs, inputs, len(s)).transpose(1, 0, 2, 5, 3, 4)  # source, then column
         S, first = S[:, :, None, None], first[:, :, None, None]
         c, dc = scale[own], scale_slope[own]
-        place = np.ix_(own, lost)
+        place = np.ix_(own, np.flatnonzero(lost))
         value[place] -= c * (S * W[0])
         slope[place] -= (dc * S + c * (D * first)) * W[0] + c * (S * W[1])
     return value, slope

@@ -15,6 +15,7 @@ the poles and the discrimination capabilities of the stabilisation diagrams, Mec
 
 import itertools
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -86,11 +87,11 @@ def search_poles(
 
 
 def _with_stability(found: list[tuple[int, np.ndarray, np.ndarray]], near_f: float, near_z: float) -> Poles:
-    stable = [np.zeros(len(found[0][1]), bool)]
-    for (_, f0, z0), (_, f1, z1) in itertools.pairwise(found):
-        close = np.abs(f1[:, None] / f0 - 1.0) < near_f if len(f0) else np.zeros((len(f1), 0), bool)
-        close &= np.abs(z1[:, None] / z0 - 1.0) < near_z if len(f0) else True
-        stable.append(close.any(axis=1))
+    stable: list[np.ndarray] = [np.zeros(len(found[0][1]), bool)]
+    for (_, f0, z0), (_, f1, z1) in pairwise(found):
+        close = np.abs(f1[:, None] - f0) < near_f * f0  # (pole, pole of the order below)
+        close &= np.abs(z1[:, None] - z0) < near_z * z0
+        stable.append(np.any(close, axis=1))
     return Poles(
         np.concatenate([np.full(len(f), order) for order, f, _ in found]),
         np.concatenate([f for _, f, _ in found]),
