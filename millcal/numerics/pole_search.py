@@ -13,7 +13,6 @@ Cauberghe, Guillaume, Verboven, Vanlanduit, Parloo 2005, On the influence of the
 the poles and the discrimination capabilities of the stabilisation diagrams, Mechanical Systems and Signal Processing 19.
 """
 
-import itertools
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
