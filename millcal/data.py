@@ -13,11 +13,12 @@ import numpy as np
 
 from millcal.physics.cutter import Cutter, CuttingConditions
 from millcal.physics.modal_constants import (
+    Constant,
     DrivingConstants,
     Estimate,
     driving_constants,
     interval,
-    interval_by_inverse,
+    interval_of_constant,
     mode_shapes,
 )
 
@@ -336,9 +337,9 @@ class Modes(Record):
         """
         return interval(estimate, self.fit.dof if self.fit else 0.0, lowest=lowest)
 
-    def interval_by_inverse(self, estimate: Estimate) -> np.ndarray:
+    def interval_of_constant(self, constant: Constant) -> np.ndarray:
         """The same of k, m or c; infinite at the high end where the mode cannot be told from one that does not move."""
-        return interval_by_inverse(estimate, self.fit.dof if self.fit else 0.0)
+        return interval_of_constant(constant, self.fit.dof if self.fit else 0.0)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -106,28 +106,38 @@ def _modes_text(modes: Modes) -> str:
     low, high = s["band_hz"]
     kind = "complex" if s["complex_modes"] else "real"
     lines = [f"{len(s['modes'])} {kind} modes from {low:g} to {high:g} Hz, {_residual(s)}"]
-    rows = [
-        (
-            number,
-            mode["axis"],
+    rows = []
+    for number, mode in enumerate(s["modes"], 1):
+        dof, point = _softest(mode)
+        poles = (
             _plus_minus(mode["fn_hz"], mode["fn_hz_ci95"]),
             _plus_minus(mode["zeta"], mode["zeta_ci95"], 100),
-            _plus_minus(mode["k_N_per_m"], mode["k_N_per_m_ci95"], 1e-6),
-            mode["m_kg"],
-            mode["c_Ns_per_m"],
         )
-        for number, mode in enumerate(s["modes"], 1)
-    ]
-    first = s["inputs"][0].lstrip("+-")
-    lines.append(table(("", "axis", "fn Hz", "zeta %", f"k N/um at {first}", "m kg", "c Ns/m"), rows))
-    others = [dof for dof in modes.fit.driving_points if dof != first]
-    if others and s["modes"]:
-        at = [[mode["driving"][dof] for dof in others] for mode in s["modes"]]
-        cells = [[_plus_minus(point["k_N_per_m"], point["k_N_per_m_ci95"], 1e-6) for point in row] for row in at]
-        header = ("", *(f"k N/um at {dof}" for dof in others))
-        lines.append(table(header, [(number, *row) for number, row in enumerate(cells, 1)]))
-    lines += [_INTERVALS[s["interval_from"]], *_without_stiffness(s)]
+        rows.append((number, mode["axis"] or None, *poles, dof, _stiffness(point), point["m_kg"], point["c_Ns_per_m"]))
+    lines.append(table(("", "axis", "fn Hz", "zeta %", "at", "k N/um", "m kg", "c Ns/m"), rows))
+    points = list(modes.fit.driving_points)
+    if len(points) > 1:
+        at = [[_stiffness(mode["driving"][dof]) for dof in points] for mode in s["modes"]]
+        header = ("", *(f"k N/um at {dof}" for dof in points))
+        lines.append(table(header, [(number, *row) for number, row in enumerate(at, 1)]))
+    lines.append(_INTERVALS[s["interval_from"]])
+    if not points:
+        outputs, inputs = " ".join(s["outputs"]), " ".join(s["inputs"])
+        lines.append(f"k is not known: no point is both hit ({inputs}) and measured ({outputs}) in one direction")
     return "\n".join(lines)
+
+
+def _softest(mode: dict[str, Any]) -> tuple[str | None, dict[str, Any]]:
+    """The driving point where a mode gives way the most; nothing where none is known."""
+    known = {dof: point for dof, point in mode["driving"].items() if point["k_N_per_m"] is not None}
+    if not known:
+        return None, dict.fromkeys(("k_N_per_m", "k_N_per_m_ci95", "m_kg", "c_Ns_per_m"))
+    dof = min(known, key=lambda name: known[name]["k_N_per_m"])
+    return dof, known[dof]
+
+
+def _stiffness(point: dict[str, Any]) -> str:
+    return _plus_minus(point["k_N_per_m"], point["k_N_per_m_ci95"], 1e-6)
 
 
 _INTERVALS = {
@@ -147,45 +157,34 @@ def _residual(s: dict[str, Any]) -> str:
     return f"{told}, the most at {worst}: {_percent(single[worst])}"
 
 
-def _without_stiffness(s: dict[str, Any]) -> list[str]:
-    """Modes whose k is not known where the hammer hits: a number in the table would mean nothing."""
-    points = s["modes"][0]["driving"] if s["modes"] else {}
-    if s["modes"] and not points:
-        outputs, inputs = " ".join(s["outputs"]), " ".join(s["inputs"])
-        return [f"k is not known: no point is both hit ({inputs}) and measured ({outputs}) in one direction"]
-    lines = []
-    for dof in points:
-        missing = [str(n) for n, mode in enumerate(s["modes"], 1) if mode["driving"][dof]["k_N_per_m"] is None]
-        if missing:
-            which = f"mode{'s' if len(missing) > 1 else ''} {', '.join(missing)}"
-            lines.append(f"k at {dof} is not known for {which}, whose constant there is not positive")
-    return lines
-
-
 def _percent(share: float | None) -> str:
     return "-" if share is None else f"{100 * share:.2g} %"
 
 
 def _plus_minus(value: float | None, bounds: Sequence[float | None] | None, factor: float = 1.0) -> str:
     """`650.12 +- 0.04`, to the two digits that the half width deserves; a lopsided interval by its ends."""
-    if value is None or bounds is None or bounds[0] is None:
+    low, high = (None if bound is None else factor * bound for bound in bounds or (None, None))
+    if low is None or value is None or high is None:
+        if low is not None:
+            return f"over {_rough(low)}"
         return _cell(None if value is None else factor * value)
-    value, low = factor * value, factor * bounds[0]
-    if bounds[1] is None:
-        return f"{_cell(value)} (over {_cell(low)})"
-    high = factor * bounds[1]
-    half = (high - low) / 2
+    value, half = factor * value, (high - low) / 2
     if not half > 0:
         return _cell(value)
     finest = 6 - floor(log10(value)) if value > 0 else 6
     decimals = min(1 - floor(log10(half)), finest)
-
-    def rounded(number: float) -> str:
-        return f"{round(number, decimals):.{max(decimals, 0)}f}"
-
     if abs(value - low - half) < 0.1 * half:
-        return f"{rounded(value)} +- {rounded(half) if half >= 10.0**-finest else f'{half:.1g}'}"
-    return f"{rounded(value)} ({rounded(low)} to {rounded(high)})"
+        return f"{_to(value, decimals)} +- {_to(half, decimals) if half >= 10.0**-finest else f'{half:.1g}'}"
+    return f"{_to(value, decimals)} ({_to(low, decimals)} to {_to(high, decimals)})"
+
+
+def _to(number: float, decimals: int) -> str:
+    return f"{round(number, decimals):.{max(decimals, 0)}f}"
+
+
+def _rough(number: float) -> str:
+    """Two digits."""
+    return _to(number, 1 - floor(log10(number))) if number > 0 else "0"
 
 
 def _coefficients_text(fit: Coefficients) -> str:

@@ -3,7 +3,8 @@
 The receptance is H(s) = sum_r A_r / (s - p_r) + its conjugate, p = -zeta w + j w_d with w_d = w sqrt(1 - zeta^2). At a
 driving point alpha = Re(2j w_d A) = 1/m, so that m = 1/alpha, k = w^2/alpha and c = 2 zeta w/alpha; for real modes that is
 exact, a complex mode has them at its peak only. Spread goes through to first order, row by row of the deviations, whose
-product deviation^T deviation is the covariance: no correlation between frequency, damping and residue is lost.
+product deviation^T deviation is the covariance: no correlation between frequency, damping and residue is lost. The inverses 1/k,
+1/m and 1/c are what is near to normal, and they may be zero: at most driving points a mode across them hardly moves.
 """
 
 from typing import NamedTuple
@@ -20,16 +21,23 @@ class Estimate(NamedTuple):
     deviation: np.ndarray  # (deviation, mode)
 
 
+class Constant(NamedTuple):
+    """k, m or c of every mode: the inverse of what is fitted, which may be zero or, by noise, below it."""
+
+    value: np.ndarray  # (mode,), nan where the inverse is not positive
+    inverse: Estimate
+
+
 class DrivingConstants(NamedTuple):
     """Every mode as a spring, a mass and a damper at one driving point."""
 
-    stiffness: Estimate  # k, N/m
-    mass: Estimate  # m, kg
-    damping: Estimate  # c, N s/m
+    stiffness: Constant  # k, N/m
+    mass: Constant  # m, kg
+    damping: Constant  # c, N s/m
 
 
 def driving_constants(frequency: Estimate, damping_ratio: Estimate, residue: Estimate) -> DrivingConstants:
-    """k, m and c of every mode at a driving point; nan where the modal constant is not positive, as no structure's can be.
+    """k, m and c of every mode at a driving point.
 
     frequency : undamped natural frequency, Hz   residue : A of the receptance at that point, complex, s/kg
     """
@@ -39,14 +47,16 @@ def driving_constants(frequency: Estimate, damping_ratio: Estimate, residue: Est
     root = np.sqrt(1 - zeta**2)
     alpha = np.real(2j * w * root * a)
     d_alpha = np.real(2j * (dw * root * a - w * zeta / root * dzeta * a + w * root * da))
-    alpha = np.where(alpha > 0, alpha, np.nan)
-    relative = d_alpha / alpha
-    k, m, c = w**2 / alpha, 1 / alpha, 2 * zeta * w / alpha
     return DrivingConstants(
-        Estimate(k, k * (2 * dw / w - relative)),
-        Estimate(m, -m * relative),
-        Estimate(c, c * (dzeta / zeta + dw / w - relative)),
+        _constant(alpha / w**2, (d_alpha - 2 * alpha * dw / w) / w**2),
+        _constant(alpha, d_alpha),
+        _constant(alpha / (2 * zeta * w), (d_alpha - alpha * (dzeta / zeta + dw / w)) / (2 * zeta * w)),
     )
+
+
+def _constant(inverse: np.ndarray, deviation: np.ndarray) -> Constant:
+    positive = inverse > 0
+    return Constant(1 / np.where(positive, inverse, np.nan), Estimate(inverse, deviation))
 
 
 def interval(estimate: Estimate, dof: float, *, share: float = 0.95, lowest: float = 0.0) -> np.ndarray:
@@ -62,16 +72,15 @@ def interval(estimate: Estimate, dof: float, *, share: float = 0.95, lowest: flo
     return np.stack([np.maximum(value - half, lowest), value + half], axis=1)
 
 
-def interval_by_inverse(estimate: Estimate, dof: float, *, share: float = 0.95) -> np.ndarray:
-    """The same of a positive number whose inverse is what was measured: k, m and c of a modal constant.
+def interval_of_constant(constant: Constant, dof: float, *, share: float = 0.95) -> np.ndarray:
+    """The interval of k, m or c: that of the inverse, turned over.
 
-    The interval is that of 1/k, turned over: symmetric where it is narrow, and without a high end (infinite) where the
-    modal constant cannot be told from zero, as where the mode hardly moves.   returns (mode, low and high)
+    Symmetric where it is narrow; without a high end (infinite) where the inverse cannot be told from zero, as where the mode
+    hardly moves; nan where the inverse is below zero for sure, which no structure's is.   returns (mode, low and high)
     """
-    value, deviation = estimate
-    inverse = interval(Estimate(1 / value, deviation / value**2), dof, share=share)
+    ends = interval(constant.inverse, dof, share=share)[:, ::-1]
     with np.errstate(divide="ignore"):
-        return 1 / inverse[:, ::-1]
+        return 1 / np.where(ends[:, :1] > 0, ends, np.nan)
 
 
 def mode_shapes(residue: np.ndarray) -> np.ndarray:

@@ -81,11 +81,14 @@ def fitted_in_words(fit: ModalFit) -> str:
     return "fitted, corrected" if taken_away(fit) >= UNDONE else "fitted"
 
 
-def median_magnitude(fit: ModalFit) -> np.ndarray:
-    """Of all FRFs that were measured, at every line.   returns (line,) in the unit that the report shows"""
+def mean_magnitude(fit: ModalFit) -> np.ndarray:
+    """Root of the mean square over all FRFs that were measured: no mode is missing in it, whichever way it moves.
+
+    returns (line,) in the unit that the report shows
+    """
     there = [pair for pair in np.ndindex(fit.measured.shape[1:]) if was_measured(fit, *pair)]
-    magnitude = np.stack([np.abs(fit.measured[:, o, i]) for o, i in there], axis=1)
-    return FORMS[fit.form][2] * np.median(magnitude, axis=1)
+    power = np.stack([np.abs(fit.measured[:, o, i]) ** 2 for o, i in there], axis=1)
+    return FORMS[fit.form][2] * np.sqrt(np.mean(power, axis=1))
 
 
 def mode_names(modes: Modes) -> list[str]:

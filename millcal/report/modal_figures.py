@@ -31,7 +31,7 @@ from millcal.report.modal_curves import (
     fitted_in_words,
     fitted_pair,
     magnitudes_drawn,
-    median_magnitude,
+    mean_magnitude,
     mode_names,
     share,
 )
@@ -43,7 +43,7 @@ MOST_NAMED = 40  # dofs of a shape that are named one by one
 POLES = (
     ("marks dot stable-pole", "stable pole"),
     ("marks ring faint-pole", "other pole"),
-    ("line faint behind", "median magnitude of all FRFs"),
+    ("line faint behind", "all FRFs, root mean square"),
     ("line rule", "a mode that was taken"),
 )
 DIRECTIONS = {"x": "dot", "y": "square", "z": "diamond"}  # the mark of a direction
@@ -158,7 +158,7 @@ def stabilisation(modes: Modes, fit: ModalFit) -> Figure | None:
         v[order] for v in (fit.chart_frequency, fit.chart_order, fit.chart_damping, fit.chart_stable > 0)
     )
     low, high = float(n.min()) - 1.0, float(n.max()) + 1.0
-    magnitude = median_magnitude(fit)
+    magnitude = mean_magnitude(fit)
     faintest, strongest = decades_of(magnitude)
 
     def height(value: np.ndarray) -> np.ndarray:
@@ -180,7 +180,7 @@ def stabilisation(modes: Modes, fit: ModalFit) -> Figure | None:
         230.0,
         (low, high),
         most_ticks=8,
-        right_label=f"median |{symbol}|, {unit}",
+        right_label=f"rms |{symbol}|, {unit}",
         right_ticks=list(zip(height(np.array(values)).tolist(), log_tick_labels(values), strict=True)),
     )
     x_range = (float(fit.frequency[0]), float(fit.frequency[-1]))

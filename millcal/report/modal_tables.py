@@ -1,6 +1,5 @@
 """The tables of the modes: their numbers, how alike their shapes are, and how much of each FRF they leave."""
 
-from collections.abc import Sequence
 from math import floor, isfinite, log10
 
 import numpy as np
@@ -43,7 +42,7 @@ def taken_away_in_words(fit: ModalFit) -> str:
 
 
 def modes(found: Modes) -> Table:
-    """Every mode; a fitted one with intervals, as a spring, a mass and a damper where the first hammer hits."""
+    """Every mode; a fitted one with intervals, as a spring, a mass and a damper where it is softest."""
     if found.fit is None:
         numbers = zip(found.axes, found.natural_frequency, found.damping_ratio, found.stiffness, strict=True)
         by_hand = [
@@ -51,45 +50,59 @@ def modes(found: Modes) -> Table:
             for axis, f, z, k in numbers
         ]
         return Table("Modes of the structure", ("axis", "f_n, Hz", "ζ, %", "k, N/µm"), by_hand)
-    fit, first = found.fit, found.fit.inputs[0].lstrip("+-")
-    frequency, damping = found.frequency_estimate, found.damping_estimate
-    columns: list[Sequence[str]] = [
+    columns = [
         [str(number) for number in range(1, len(found.axes) + 1)],
-        found.axes,
-        _with_intervals(frequency.value, found.interval(frequency), 1.0),
-        _with_intervals(damping.value, found.interval(damping), 100.0),
+        list(found.axes),
+        _with_intervals(found.natural_frequency, found.interval(found.frequency_estimate), 1.0),
+        _with_intervals(found.damping_ratio, found.interval(found.damping_estimate), 100.0),
     ]
-    headings, groups = ["", "along", "f_n, Hz", "ζ, %"], [("", 4)]
-    note = _FROM[fit.interval_from]
-    if first in fit.driving_points:
-        for estimate, factor in zip(found.driving_constants(*fit.driving_points[first]), (1e-6, 1.0, 1.0), strict=True):
-            columns.append(_with_intervals(estimate.value, found.interval_by_inverse(estimate), factor))
-        headings, groups = [*headings, "k, N/µm", "m, kg", "c, N s/m"], [*groups, (f"at {first}", 3)]
+    headings, groups, words = ["", "along", "f_n, Hz", "ζ, %"], [("", 4)], [0, 1]
+    note = _FROM[found.fit.interval_from]
+    softest, places = _softest(found)
+    if softest is not None:
+        columns.append(places)
+        for (values, bounds), factor in zip(softest, (1e-6, 1.0, 1.0), strict=True):
+            columns.append(_with_intervals(values, bounds, factor))
+        headings, words = [*headings, "at", "k, N/µm", "m, kg", "c, N s/m"], [*words, 4]
+        groups = [*groups, ("where it is softest" if len(found.fit.driving_points) > 1 else "", 4)]
     else:
-        note += f" Nothing was measured at {first} along the hit, so k, m and c are not known there."
-    columns.append([fixed(float(np.degrees(angle)), 1) for angle in fit.complexity])
+        note += " No point was both hit and measured in one direction, so k, m and c are not known."
+    columns.append([fixed(float(np.degrees(angle)), 1) for angle in found.fit.complexity])
     rows = [list(row) for row in zip(*columns, strict=True)]
     note += " Complexity: the angle by which the points of a shape do not move in step."
-    return Table(
-        "Modes of the structure", (*headings, "complexity, °"), rows, (*groups, ("", 1)), words=(0, 1), note=note
-    )
+    return Table("Modes of the structure", (*headings, "complexity, °"), rows, (*groups, ("", 1)), words, note)
+
+
+def _softest(found: Modes) -> tuple[list[tuple[np.ndarray, np.ndarray]] | None, list[str]]:
+    """k, m and c of every mode with their intervals at the driving point where it gives way the most, and its name."""
+    points = found.fit.driving_points if found.fit else {}
+    if not points:
+        return None, []
+    at = [found.driving_constants(*pair) for pair in points.values()]
+    flexibility = np.stack([constants.stiffness.inverse.value for constants in at])
+    chosen, modes_ = np.argmax(flexibility, axis=0), np.arange(len(found.axes))
+    numbers = []
+    for constants in zip(*at, strict=True):  # k at every point, then m, then c
+        values = np.stack([constant.value for constant in constants])[chosen, modes_]
+        bounds = np.stack([found.interval_of_constant(constant) for constant in constants])[chosen, modes_]
+        numbers.append((values, bounds))
+    names = list(points)
+    return numbers, [names[point] for point in chosen]
 
 
 def key_numbers(found: Modes) -> list[dict[str, str]]:
     """The modes with the highest peaks as the numbers to take along, each where it is softest."""
-    points = found.fit.driving_points if found.fit else {}
-    if not points:
+    softest, places = _softest(found)
+    if softest is None:
         return []
-    k = np.stack([found.driving_constants(*pair).stiffness.value for pair in points.values()], axis=1)
-    k = np.where(np.isfinite(k), k, np.inf)
-    softest = np.argmin(k, axis=1)
-    peak = 1 / (2 * found.damping_ratio * k.min(axis=1))
+    k = softest[0][0]
+    peak = np.nan_to_num(1 / (2 * found.damping_ratio * k))
     shown = _with_intervals(found.natural_frequency, found.interval(found.frequency_estimate), 1.0)
     numbers = []
     for r in np.sort(np.argsort(-peak, kind="stable")[:MOST_KEY]):
         word = f"ζ {fixed(100 * float(found.damping_ratio[r]), 2)} %"
         if peak[r] > 0:
-            word += f", k {significant(float(k[r].min()) / 1e6)} N/µm at {list(points)[softest[r]]}"
+            word += f", k {significant(float(k[r]) / 1e6)} N/µm at {places[r]}"
         numbers.append({"name": f"Mode {r + 1}", "value": shown[r], "unit": "Hz", "word": word})
     return numbers
 
@@ -100,13 +113,19 @@ def stiffness(found: Modes) -> Table | None:
     if len(points) < 2:
         return None
     at_points = [found.driving_constants(*pair).stiffness for pair in points.values()]
-    columns = [_with_intervals(k.value, found.interval_by_inverse(k), 1e-6) for k in at_points]
+    columns = [_with_intervals(k.value, found.interval_of_constant(k), 1e-6) for k in at_points]
     rows = [[name, *cells] for name, *cells in zip(mode_names(found), *columns, strict=True)]
-    note = ""
+    note = "" if found.fit and found.fit.interval_from != "none" else _FROM["none"]
+    if any("over" in cell for row in rows for cell in row):
+        note = "over: the mode hardly moves there, and only how stiff it is at least can be told."
     if any(UNKNOWN in row for row in rows):
-        note = f"{UNKNOWN}: the fitted constant there is not positive, which no structure's is; the mode hardly moves there."
+        note += f" {UNKNOWN}: the fitted constant there is below zero, which no structure's is; look at that sensor."
     return Table(
-        "Stiffness at every driving point", ("mode", *points), rows, (("", 1), ("k, N/µm", len(points))), note=note
+        "Stiffness at every driving point",
+        ("mode", *points),
+        rows,
+        (("", 1), ("k, N/µm", len(points))),
+        note=note.strip(),
     )
 
 
@@ -149,20 +168,17 @@ def _level(part: float) -> int:
 
 
 def _with_intervals(values: np.ndarray, bounds: np.ndarray, factor: float) -> list[str]:
-    """`16.17 ± 0.37`; `1120 (above 460)` where there is no high end."""
+    """`16.17 ± 0.37`; `over 460` where there is no high end."""
     shown = []
-    for value, (low, high) in zip(factor * values, factor * bounds, strict=True):
-        if isfinite(value) and isfinite(low) and not isfinite(high):
-            shown.append(f"{_rough(float(value))} (above {_rough(float(low))})")
-        elif isfinite(high) and high - low > 2e-5 * value:
-            shown.append(plus_minus(float(value), float(low), float(high)))
-        elif isfinite(high) and value > 0:  # finer than six digits show
-            shown.append(f"{significant(float(value), 7)} ± {significant(float(high - low) / 2, 1)}")
-        else:
-            shown.append(significant(float(value), 4))
+    for value, (low, high) in zip((factor * values).tolist(), (factor * bounds).tolist(), strict=True):
+        if isfinite(low) and not isfinite(high):
+            shown.append(f"over {fixed(low, 1 - floor(log10(low)))}" if low > 0 else UNKNOWN)
+        elif not isfinite(high) or not isfinite(value):
+            shown.append(significant(value, 4))
+        elif high - low > 2e-5 * value:
+            shown.append(plus_minus(value, low, high))
+        else:  # finer than six digits show
+            decimals, half = 6 - floor(log10(value)), (high - low) / 2
+            width = fixed(half, decimals) if half >= 10.0**-decimals else significant(half, 1)
+            shown.append(f"{fixed(value, decimals)} ± {width}")
     return shown
-
-
-def _rough(value: float) -> str:
-    """Two digits of a positive number."""
-    return fixed(value, 1 - floor(log10(value))) if value > 0 else fixed(value, 0)

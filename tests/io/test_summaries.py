@@ -168,7 +168,7 @@ def test_a_fitted_mode_is_a_spring_a_mass_and_a_damper_at_every_point_that_is_hi
             assert high is None or high > entry[key.removesuffix("_ci95")]
     hardly = mode["driving"]["tipZ"]  # as stiff as can be, for all that the hits tell
     assert hardly["k_N_per_m_ci95"][1] is None
-    wrong = told["modes"][1]["driving"]["tipZ"]
+    wrong = told["modes"][1]["driving"]["tipZ"]  # below zero, and more than the noise could do
     assert set(wrong.values()) == {None}
     assert value_at(told, "modes.0.driving.tipX.k_N_per_m") == mode["k_N_per_m"]
 
@@ -195,7 +195,7 @@ def test_without_hits_there_are_no_intervals_and_the_text_says_so():
     assert told["interval_from"] == "none"
     assert all(mode[key] is None for mode in told["modes"] for key in mode if key.endswith("_ci95"))
     assert "no intervals" in text_of(modes)
-    assert "+-" not in text_of(modes).splitlines()[2]
+    assert "+-" not in "".join(text_of(modes).splitlines()[:-1])
 
 
 def test_without_a_driving_point_there_is_no_stiffness_and_the_text_says_why():
@@ -223,7 +223,8 @@ def test_a_hammer_that_counts_the_other_way_round_does_not_turn_the_stiffness():
         (650.1234567, [650.1234566, 650.1234568], "650.1235 +- 1e-07"),
         (35768.0, [26133.0, 56656.0], "36000 (26000 to 57000)"),
         (3.0, [0.0, 8.0], "3.0 (0.0 to 8.0)"),
-        (1123.0, [458.2, None], "1123 (over 458.2)"),
+        (1123.0, [458.2, None], "over 460"),
+        (None, [458.2, None], "over 460"),
         (1.2, None, "1.200"),
         (None, None, "-"),
     ],

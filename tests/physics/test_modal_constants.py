@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from millcal.numerics.jackknife import student_quantile
-from millcal.physics.modal_constants import Estimate, driving_constants, interval, interval_by_inverse, mode_shapes
+from millcal.physics.modal_constants import Constant, Estimate, driving_constants, interval, interval_of_constant, mode_shapes
 from millcal.physics.shaped_modes import ShapedMode, receptance_between
 
 FREQUENCY, DAMPING, STIFFNESS = np.array([60.0, 650.0, 2100.0]), np.array([0.1, 0.03, 0.002]), np.array([4e5, 2e7, 8e7])
@@ -55,9 +55,9 @@ def test_spread_to_first_order_is_that_of_many_draws_with_all_correlations():
 
     found = driving_constants(*map(Estimate, (FREQUENCY, DAMPING, a), scaled(rows)))
     drawn = [constants(FREQUENCY + df, DAMPING + dz, a + da) for df, dz, da in zip(*scaled(draws), strict=True)]
-    for estimate, many in zip(found, zip(*drawn, strict=True), strict=True):
-        first_order = np.sqrt(np.sum(estimate.deviation**2, axis=0))
-        assert first_order == pytest.approx(np.std([one.value for one in many], axis=0), rel=0.05)
+    for constant, many in zip(found, zip(*drawn, strict=True), strict=True):
+        first_order = np.sqrt(np.sum(constant.inverse.deviation**2, axis=0))
+        assert first_order == pytest.approx(np.std([one.inverse.value for one in many], axis=0), rel=0.05)
 
 
 def test_an_interval_is_students_stays_above_zero_and_is_unknown_without_deviations():
@@ -70,12 +70,20 @@ def test_an_interval_is_students_stays_above_zero_and_is_unknown_without_deviati
     assert np.isnan(interval(estimate, 0.0)).all()
 
 
-def test_an_interval_by_inverse_is_the_plain_one_where_it_is_narrow_and_open_where_the_mode_hardly_moves():
-    narrow = Estimate(np.array([10.0]), np.array([[0.01]]))
-    assert interval_by_inverse(narrow, 9.0) == pytest.approx(interval(narrow, 9.0), rel=1e-5)
-    wide = Estimate(np.array([10.0]), np.array([[10.0]]))  # 1/k = 0.1, half width over 0.1
-    assert interval_by_inverse(wide, np.inf)[0] == pytest.approx([1 / (0.1 + 0.195996), np.inf], rel=1e-5)
-    assert np.isnan(interval_by_inverse(Estimate(wide.value, np.empty((0, 1))), 3.0)).all()
+def constant_of(inverse, sd):
+    return Constant(1 / np.array([inverse]), Estimate(np.array([inverse]), np.array([[sd]])))
+
+
+def test_an_interval_of_a_constant_is_symmetric_where_it_is_narrow_and_open_where_the_mode_hardly_moves():
+    low, high = interval_of_constant(constant_of(0.1, 1e-4), 9.0)[0]
+    assert high - 10 == pytest.approx(10 - low, rel=0.01)
+    assert high - low == pytest.approx(2 * student_quantile(9.0) * 1e-2, rel=1e-3)
+    hardly = constant_of(0.1, 0.1)  # half width over 0.1
+    assert interval_of_constant(hardly, np.inf)[0] == pytest.approx([1 / (0.1 + 0.195996), np.inf], rel=1e-5)
+    below = constant_of(-0.1, 0.1)  # below zero by noise
+    assert interval_of_constant(below, np.inf)[0] == pytest.approx([1 / (-0.1 + 0.195996), np.inf], rel=1e-5)
+    assert np.isnan(interval_of_constant(constant_of(-0.1, 0.01), np.inf)).all()
+    assert np.isnan(interval_of_constant(Constant(np.ones(1), Estimate(np.ones(1), np.empty((0, 1)))), 3.0)).all()
 
 
 @pytest.mark.parametrize("turn", [1.0, -1.0, 1j, np.exp(0.3j)])

@@ -76,15 +76,25 @@ def test_the_numbers_of_a_mode_are_those_of_the_record_with_the_digits_of_their_
     assert value == pytest.approx(640.0)
     assert half == pytest.approx((high - low) / 2, rel=0.05)
     assert row[1] == "x"
-    k = [float(part) for part in row[4].split(" ± ")]
-    assert k[0] == pytest.approx(modes.stiffness[0] / 1e6, rel=1e-3)
+    assert row[4] == "tipX"
+    assert float(row[5].split(" ± ")[0]) == pytest.approx(modes.stiffness[0] / 1e6, rel=1e-3)
 
 
-def test_a_stiffness_that_is_not_known_is_a_dash_and_says_why_and_one_without_a_high_end_says_above():
+def test_a_mode_is_shown_where_it_is_softest():
+    modes = MADE["six_by_three"]
+    table = modal_tables.modes(modes)
+    k = np.stack([modes.driving_constants(*pair).stiffness.value for pair in modes.fit.driving_points.values()])
+    assert [row[4] for row in table.rows] == ["tipX", "tipY", "tipX", "tipY", "tipX"]
+    for row, softest in zip(table.rows, np.nanmin(k, axis=0), strict=True):
+        assert float(row[5].split(" ± ")[0]) == pytest.approx(softest / 1e6, rel=1e-2)
+
+
+def test_a_stiffness_that_no_structure_has_is_a_dash_and_one_without_a_high_end_says_over():
     table = modal_tables.stiffness(MADE["six_by_three"])
     assert table.rows[1][3] == "–"
-    assert "not positive" in table.note
-    assert re.fullmatch(r"40000 \(above \d+\)", table.rows[0][3])
+    assert "below zero" in table.note
+    assert re.fullmatch(r"over \d+", table.rows[0][3])
+    assert "hardly moves" in table.note
 
 
 def test_one_driving_point_has_no_table_of_stiffness_of_its_own_nor_one_frf_of_residuals_or_shapes():
@@ -102,7 +112,7 @@ def test_without_a_driving_point_there_is_no_stiffness_and_the_table_says_so():
     apart = dataclasses.replace(modes, fit=dataclasses.replace(modes.fit, outputs=("noseX",)))
     table = modal_tables.modes(apart)
     assert not any("k," in heading for heading in table.headings)
-    assert "Nothing was measured at tipX along the hit" in table.note
+    assert "No point was both hit and measured" in table.note
     assert "Hammer tipX, response noseX" in seen(render({"modes": apart}, {}, {}))
 
 

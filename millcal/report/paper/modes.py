@@ -14,7 +14,7 @@ from millcal.report.modal_curves import (
     fitted_in_words,
     fitted_pair,
     magnitudes_drawn,
-    median_magnitude,
+    mean_magnitude,
     share,
 )
 from millcal.report.paper import sheet
@@ -94,7 +94,7 @@ def _curve(frequency: np.ndarray, values: np.ndarray, magnitude: bool) -> list[n
 
 
 def _chart(modes: Modes, fit: ModalFit) -> dict[str, Any]:
-    """The stabilisation chart over the median FRF, and beside it the modal assurance criterion."""
+    """The stabilisation chart over the mean FRF, and beside it the modal assurance criterion."""
     count = len(modes.axes)
     if not len(fit.chart_order):
         return {}
@@ -106,7 +106,7 @@ def _chart(modes: Modes, fit: ModalFit) -> dict[str, Any]:
     behind.set_zorder(0)
     poles.set_zorder(1)
     poles.patch.set_visible(False)
-    magnitude = median_magnitude(fit)
+    magnitude = mean_magnitude(fit)
     (curve,) = behind.plot(*_curve(fit.frequency, magnitude, True), color=sheet.BAND, linewidth=1.2)
     behind.grid(False)
     sheet.quiet(behind, "x")
@@ -121,8 +121,8 @@ def _chart(modes: Modes, fit: ModalFit) -> dict[str, Any]:
     ends = (float(fit.chart_order.min()) - 1, float(fit.chart_order.max()) + 1)
     sheet.scale(poles, "y", ends, label="order of the model (1)", most=8)
     low, high = float(magnitude[magnitude > 0].min()) / 1.25, float(np.nanmax(magnitude)) * 1.25
-    sheet.scale(behind, "y", (low, high), label=f"median {magnitude_label(fit.form, lines=1)}", log=True, most=5)
-    entries = [(sure, "stable pole"), (other, "other pole"), (taken, "modes"), (curve, "median of all FRFs")]
+    sheet.scale(behind, "y", (low, high), label=f"rms {magnitude_label(fit.form, lines=1)}", log=True, most=5)
+    entries = [(sure, "stable pole"), (other, "other pole"), (taken, "modes"), (curve, "all FRFs, rms")]
     if with_mac:
         _mac(panels[0, 1], modes, fit)
         sheet.letters(panels[0], ("", "MAC (1)"))
