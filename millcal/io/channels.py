@@ -101,7 +101,8 @@ def choose_channels(
             problems.append(
                 f"channel '{name}': a {quantity} cannot have the role {role!r}; hammer is for a force, or response"
             )
-        chosen.append((row, gain, Channel(name, quantity, unit, dof, full_scale, role), sign))  # type: ignore[arg-type]
+        delay = (column.delay or 0.0) if table.delay_s is None else table.delay_s
+        chosen.append((row, gain, Channel(name, quantity, unit, dof, full_scale, role, delay), sign))  # type: ignore[arg-type]
     left_out = [c.name for i, c in enumerate(columns) if i != time and i not in {row for row, *_ in chosen}]
     clocks = [c.name for i, c in enumerate(columns) if i != time and is_time(c.name, c.unit) and c.name in left_out]
     if not mapping and time is not None and clocks:

@@ -2,11 +2,14 @@
 
 A passive structure absorbs at the point where it is hit: Im of the accelerance is positive there, that of the receptance
 negative. Two mistakes turn it: a sensor or hammer of the wrong sign, and a file that was written for x = Re X e^{-jwt},
-whose FRF is the complex conjugate. The impulse response tells them apart, for a conjugated FRF answers before the hit.
+whose FRF is the complex conjugate. The impulse response tells them apart, for a conjugated FRF answers before the hit;
+of a mobility nothing else does.
 
 A tool in its spindle is stiffest at rest. Where its receptance grows towards 0 Hz beyond every resonance, it is the offset of
 an accelerometer that was divided by w^2; a stability map would find the softest mode of all there.
 """
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -14,6 +17,7 @@ from millcal.data import Frf, Notice
 from millcal.io.frf_pairs import bare_dof
 from millcal.physics.structure import DERIVATIVES, convert_frf
 
+FEWEST_LINES = 32
 _CLEAR = 0.5  # of the power at all lines
 _BACKWARDS = 3.0  # times more energy before the hit than after it
 _DRIFT = 3.0  # times the largest receptance above
@@ -30,58 +34,79 @@ def polarity(frf: Frf, where: str) -> list[Notice]:
     """Notices about driving points that give power back."""
     if frf.form not in DERIVATIVES:
         return []
-    turned, right, conjugated = [], [], []
+    turned, right, backwards = [], [], []
     for dof in frf.inputs:
         if dof not in frf.outputs:
             continue
         column = frf.values[:, frf.outputs.index(dof), frf.inputs.index(dof)]
-        share = _absorbed(frf, column)
+        inside = _above_drift(frf, column)
+        if _answers_before_the_hit(frf.frequency[inside], column[inside], frf.form):
+            backwards.append(dof)
+            column = column.conj()  # which leaves the sign in doubt
+        share = _absorbed(frf.frequency[inside], column[inside], frf.form)
         if share < -_CLEAR:
             turned.append(dof)
-            if _answers_before_the_hit(frf.frequency, column):
-                conjugated.append(dof)
         elif share > _CLEAR:
             right.append(dof)
-    if not turned:
-        return []
-    named = ", ".join(bare_dof(dof) for dof in turned)
-    if conjugated == turned:
+    notices = []
+    if backwards:
         message = (
-            f"the response at {named} comes before the hit: the file has the phase of its FRF conjugated; "
+            f"the response at {_named(backwards)} comes before the hit: the file has the phase of its FRF conjugated; "
             "take the other sign of the imaginary part with --conjugate"
         )
-        return [Notice("conjugated", message, where)]
-    if not right:
+        notices.append(Notice("conjugated", message, where))
+    if turned and not right:
         message = (
-            f"the response at {named} moves against the hammer: accelerometer polarity or hammer sign; "
+            f"the response at {_named(turned)} moves against the hammer: accelerometer polarity or hammer sign; "
             "turn it with a sign in front of its dof, as in --response=-tipX"
         )
-        return [Notice("accelerometer-polarity", message, where)]
-    message = f"the response at {named} moves against the hammer, elsewhere it does not; check that sensor"
-    return [Notice("driving-point-sign", message, where)]
+        notices.append(Notice("accelerometer-polarity", message, where))
+    elif turned:
+        message = f"the response at {_named(turned)} moves against the hammer, elsewhere it does not; check that sensor"
+        notices.append(Notice("driving-point-sign", message, where))
+    return notices
 
 
-def _absorbed(frf: Frf, column: np.ndarray) -> float:
-    """Net share of the absorbed power, -1 to 1; each line counts by its accelerance, so that drift at DC counts little."""
-    inside = (frf.frequency >= frf.usable_band[0]) & (frf.frequency <= frf.usable_band[1]) & (frf.frequency > 0)
-    inside &= np.isfinite(column)
-    taken = convert_frf(frf.frequency[inside], column[inside], frf.form, "accelerance").imag
-    return float(taken.sum() / max(np.abs(taken).sum(), 1e-300))
+def _named(dofs: Sequence[str]) -> str:
+    return ", ".join(bare_dof(dof) for dof in dofs)
 
 
-def _answers_before_the_hit(frequency: np.ndarray, column: np.ndarray) -> bool:
-    """Whether the impulse response lies in negative time.   frequency : even lines   column : complex (frequency,)"""
-    step = float(np.median(np.diff(frequency)))
-    first = round(frequency[0] / step)
-    if len(frequency) < 32 or np.abs(np.diff(frequency) / step - 1).max() > 1e-3:
+def _above_drift(frf: Frf, column: np.ndarray) -> np.ndarray:
+    """The lines that say something: with a value, in the usable band, not at rest and above a drift.   returns (frequency,)"""
+    low, high = max(frf.usable_band[0], _end_of_drift(frf, column)), frf.usable_band[1]
+    return (frf.frequency >= low) & (frf.frequency <= high) & (frf.frequency > 0) & np.isfinite(column)
+
+
+def _absorbed(frequency: np.ndarray, column: np.ndarray, form: str) -> float:
+    """Net share of the absorbed power, -1 to 1: of mobility or accelerance the clearer one, for noise clouds one of them.
+
+    frequency : (line,) Hz   column : complex (line,)
+    """
+    shares = []
+    for taken in (
+        convert_frf(frequency, column, form, "mobility").real,
+        convert_frf(frequency, column, form, "accelerance").imag,
+    ):
+        shares.append(float(taken.sum() / max(np.abs(taken).sum(), 1e-300)))
+    return max(shares, key=abs)
+
+
+def _answers_before_the_hit(frequency: np.ndarray, column: np.ndarray, form: str) -> bool:
+    """Whether the impulse response lies in negative time.   frequency : (line,) Hz   column : complex (line,)"""
+    if len(frequency) < FEWEST_LINES:
         return False
-    # Lines at both ends fade out, so that drift at DC and the cut at the top do not ring over the whole of time.
-    fade = np.hanning(len(frequency) + 2)[1:-1]
-    spectrum = np.concatenate([np.zeros(first, complex), np.where(np.isfinite(column), column, 0.0) * fade])
-    answer = np.fft.irfft(spectrum)
-    half = len(answer) // 2
-    near = slice(1, half // 2)  # far from the hit both halves wrap round
-    before, after = np.sum(answer[::-1][near] ** 2), np.sum(answer[near] ** 2)
+    step = float(np.median(np.diff(frequency)))
+    if np.abs(np.diff(frequency) / step - 1).max() > 1e-3:
+        return False
+    mobility = convert_frf(
+        frequency, column, form, "mobility"
+    )  # whose modes are equally high, whatever their frequency
+    fade = np.ones(len(mobility))  # the cut at the top would ring over the whole of time
+    length = len(fade) // 4
+    fade[-length:] = np.cos(np.linspace(0, np.pi / 2, length)) ** 2
+    answer = np.fft.irfft(np.concatenate([np.zeros(round(frequency[0] / step), complex), mobility * fade]))
+    far = len(answer) // 4  # where both halves wrap round
+    before, after = np.sum(answer[-1:-far:-1] ** 2), np.sum(answer[1:far] ** 2)
     return bool(before > _BACKWARDS * after)
 
 
@@ -97,7 +122,7 @@ def low_frequency_drift(frf: Frf, where: str) -> list[Notice]:
     if not any(ends):
         return []
     message = (
-        f"below {max(ends):.0f} Hz the receptance grows towards 0 Hz beyond every resonance, as by the drift of a sensor; leave "
+        f"below {max(ends):.0f} Hz the receptance grows towards 0 Hz beyond every resonance, as by drift or noise of a sensor; leave "
         f"these lines out with 'millcal export --band {max(ends):.0f} {frf.usable_band[1]:.0f}'"
     )
     return [Notice("low-frequency-drift", message, where)]

@@ -32,7 +32,7 @@ from millcal.io.formats.uff_writer import write_universal
 from millcal.io.formats.universal import is_universal, read_universal
 from millcal.io.frf_doubts import doubts
 from millcal.io.frf_pairs import Measured, Pair, bare_dof, joined, pairs_of, problems_of, renamed
-from millcal.io.frf_units import QUANTITY_OF, SI_UNITS, stated_unit
+from millcal.io.frf_units import SI_UNITS, stated_unit
 from millcal.io.results import FORMAT, read_result, write_result
 from millcal.physics.structure import DERIVATIVES, convert_frf, convert_frf_variance
 
@@ -181,7 +181,7 @@ def _of_hdf5(path: Path) -> Measured:
 def _in_stated_form(file: Measured, form: str | None, unit: str | None) -> Measured:
     """A file whose form or unit the user knows better."""
     own, factor = stated_unit(form, unit)
-    if own is None or (own == file.pairs[0].form and factor in (None, 1.0)):
+    if own is None or not file.pairs or (own == file.pairs[0].form and factor in (None, 1.0)):
         return file
     message = (
         f"{own} as stated, though the file says {file.pairs[0].form} in {SI_UNITS[file.pairs[0].form or 'receptance']}"
@@ -358,6 +358,3 @@ def _described(pair: Pair) -> dict[str, Any]:
         "rms": float(np.sqrt(np.mean(known**2))) if len(known) else None,
         "missing_values": int(len(size) - len(known)),
     }
-
-
-__all__ = ["QUANTITY_OF", "Written", "converted", "describe_frf", "is_frf_file", "read_frf", "write_frf"]

@@ -68,6 +68,8 @@ def in_si(value: Any, key: str) -> Any:
     """A value or a tuple of them in the unit of the key's suffix, in SI; a text, a switch and None stay."""
     if isinstance(value, tuple):
         return tuple(in_si(item, key) for item in value)
+    if isinstance(value, dict):
+        return {name: in_si(item, key) for name, item in value.items()}
     if value is None or isinstance(value, (str, bool)):
         return value
     return from_shop(value, "_rpm" if key == "rpm" else key)
@@ -209,6 +211,7 @@ class ChannelTable(Table):
     role: Literal["hammer", "response"] | None = Field(
         None, description="of a force in an impact test: the hammer (when absent), or response for a dynamometer's"
     )
+    delay_s: float | None = Field(None, description="by which the signal is behind the others, s; negative: ahead")
 
 
 class Hdf5Table(Table):

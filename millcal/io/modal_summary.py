@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from millcal.data import ModalFit, Modes
-from millcal.physics.modal_constants import Estimate
 from millcal.units import to_shop
 
 
@@ -90,7 +89,7 @@ def _constants(modes: Modes, output: int, given: int) -> list[dict[str, Any]]:
 def _delays(modes: Modes, fit: ModalFit, delay: np.ndarray) -> dict[str, Any]:
     """How late each response is behind the hammer; below 0 it would be early."""
     told: dict[str, Any] = {"delay_us": dict(zip(fit.outputs, map(_known, to_shop(delay, "x_us")), strict=True))}
-    if fit.delay_sd is not None:
-        ends = modes.interval(Estimate(delay, fit.delay_sd[np.newaxis]), lowest=-np.inf)
+    ends = modes.delay_interval
+    if ends is not None:
         told["delay_us_ci95"] = dict(zip(fit.outputs, map(_bounds, to_shop(ends, "x_us")), strict=True))
     return told

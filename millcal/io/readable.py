@@ -75,7 +75,7 @@ def _frf_text(frf: Frf) -> str:
             hit.index,
             hit.onset,
             hit.peak,
-            "used" if hit.accepted else ", ".join(hit.reasons) or "left out",
+            "; ".join(("used" if hit.accepted else ", ".join(hit.reasons) or "left out", *hit.remarks)),
         )
         for hit in frf.hits
     ]
@@ -120,6 +120,9 @@ def _modes_text(modes: Modes) -> str:
         at = [[_stiffness(mode["driving"][dof]) for dof in points] for mode in s["modes"]]
         header = ("", *(f"k N/um at {dof}" for dof in points))
         lines.append(table(header, [(number, *row) for number, row in enumerate(at, 1)]))
+    if "delay_us" in s:
+        late = (f"{dof} {_cell(value)}" for dof, value in s["delay_us"].items())
+        lines.append(f"delay us behind the hammer, taken out: {', '.join(late)}")
     lines.append(_INTERVALS[s["interval_from"]])
     if not points:
         outputs, inputs = " ".join(s["outputs"]), " ".join(s["inputs"])

@@ -60,6 +60,13 @@ class FrfTable(Table):
     hold_off_s: Positive = Field(0.1, description="pulses closer than this are one hit, s")
     record_length_s: Positive | None = Field(None, description="length of each hit, s; by its decay when absent")
     resolution_hz: Positive | None = Field(None, description="distance of the lines at most, Hz, by adding zeros")
+    exponential: float | None = Field(
+        None, gt=0, lt=1, description="value at the record's end of an exponential window; modes are corrected for it"
+    )
+    delays_s: dict[str, float] | None = Field(
+        None, description="channel or dof = s by which its signal is behind, {acc_tipX = 12e-6}"
+    )
+    flip: tuple_of(str, ...) = Field((), description="channels or dofs to turn: a dof is that of a response")
 
 
 class ModesTable(Table):

@@ -98,6 +98,7 @@ def _recording(recording: Recording) -> dict[str, Any]:
                 "unit": c.unit,
                 "dof": c.dof,
                 **({"role": c.role} if c.role else {}),
+                **({"delay_s": c.delay} if c.delay else {}),
             }
             for c in recording.channels
         ],
@@ -148,7 +149,7 @@ def _frf(frf: Frf) -> dict[str, Any]:
         "coherence_median": coherence,
         "hits": [
             {"recording": hit.recording, "index": hit.index, "onset_s": _known(hit.onset), "peak_N": _known(hit.peak),
-             "accepted": hit.accepted, "reasons": list(hit.reasons)}
+             "accepted": hit.accepted, "reasons": list(hit.reasons), "remarks": list(hit.remarks)}
             for hit in frf.hits
         ],
     }  # fmt: skip

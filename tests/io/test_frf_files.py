@@ -667,18 +667,20 @@ def test_a_whole_matrix_is_renamed_and_turned(tmp_path, name):
         read_frf(tmp_path / name, outputs=["noseX"])
 
 
-def test_a_driving_point_that_gives_power_is_told_with_its_cause(tmp_path):
-    frf = plain()
-    write_frf(tmp_path / "right.csv", frf)
-    write_frf(tmp_path / "turned.csv", replace(frf, values=-frf.values))
-    write_frf(tmp_path / "conjugated.csv", replace(frf, values=frf.values.conj()))
+@pytest.mark.parametrize("form", ["receptance", "mobility", "accelerance"])
+def test_a_driving_point_that_gives_power_is_told_with_its_cause(tmp_path, form):
+    frf = plain(form)
     one = frf.values * [[[1, 1], [-1, -1]]]
-    write_frf(tmp_path / "one.csv", replace(frf, values=one))
+    for name, values in {
+        "right": frf.values, "turned": -frf.values, "conjugated": frf.values.conj(), "both": -frf.values.conj(), "one": one,
+    }.items():  # fmt: skip
+        write_frf(tmp_path / f"{name}.csv", replace(frf, values=values))
     found = {p.stem: codes(read_frf(p)) for p in sorted(tmp_path.glob("*.csv"))}
     assert found == {
         "right": [],
         "turned": ["accelerometer-polarity"],
         "conjugated": ["conjugated"],
+        "both": ["conjugated", "accelerometer-polarity"],
         "one": ["driving-point-sign"],
     }
     same(read_frf(tmp_path / "conjugated.csv", conjugate=True), frf)
@@ -820,3 +822,52 @@ def test_a_real_tool_measured_at_five_points_is_read_and_written(tmp_path):
 def test_a_real_hit_over_time_is_no_frf():
     with pytest.raises(RecordingError, match="times and no frequencies"):
         read_frf(REAL / "Point1_Channel1_CH1.txt", **TIP)
+
+
+# ---- damage
+
+
+def damaged(data, rng):
+    """A file with something wrong in it: cut off, bytes changed, lost, doubled, or characters of its head."""
+    data, kind = bytearray(data), rng.integers(5)
+    at, to = rng.integers(len(data), size=2)
+    if kind == 0:
+        return bytes(data[:at])
+    if kind == 1:
+        for place in rng.integers(len(data), size=5):
+            data[place] = rng.integers(256)
+    elif kind == 2:
+        del data[at : at + 150]
+    elif kind == 3:
+        data[at:at] = data[to : to + 150]
+    else:
+        for place in rng.integers(min(len(data), 1500), size=3):
+            data[place] = rng.choice(list(b"0123456789 -+.EeD\n"))
+    return bytes(data)
+
+
+def endure(tmp_path, seeds):
+    """Read damaged files: a result, or one line."""
+    frf = make(frequency=np.arange(30) * 6.25)
+    options = {"a.uff": False, "b.uff": True, "c.csv": False, "d.frf": False}
+    made = [write_frf(tmp_path / name, frf, binary=binary).paths[0].read_bytes() for name, binary in options.items()]
+    told = []
+    for seed in seeds:
+        path = tmp_path / f"x{list(options)[seed % 4][1:]}"
+        path.write_bytes(damaged(made[seed % 4], np.random.default_rng(seed)))
+        for read in (read_frf, inspect_recording):
+            try:
+                read(path)
+            except RecordingError as problem:
+                told.append(str(problem).removeprefix(str(path)))
+    assert all(re.fullmatch(": [^\n]*", line) for line in told)
+    return len(told)
+
+
+def test_a_damaged_file_is_a_result_or_one_line(tmp_path):
+    assert endure(tmp_path, range(80)) > 40
+
+
+@pytest.mark.long
+def test_many_damaged_files_are_results_or_one_line(tmp_path):
+    assert endure(tmp_path, range(1000, 4000)) > 1500

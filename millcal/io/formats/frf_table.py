@@ -295,4 +295,5 @@ def _rows(path: Path, data: bytes, dialect: Dialect, width: int) -> np.ndarray:
                     f"{path}: line {number}: column '{name}' holds {cell[:40]!r} where a number is needed; mend the cell"
                 ) from None
         rows.append(row)
-    return np.array(rows).reshape(-1, width).T
+    table = np.array(rows).reshape(-1, width).T
+    return np.where(np.isfinite(table), table, np.nan)

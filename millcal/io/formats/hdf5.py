@@ -1,7 +1,7 @@
 """The recording file of millcal (HDF5, version 1), and reading any HDF5 dataset in blocks.
 
 `/channels/<name>` is one dataset per channel; attributes state unit, quantity, dof, scale, full scale and, in an
-impact test, the role of a force that is not the hammer's. Samples may be
+impact test, the role of a force that is not the hammer's and the delay of a signal that is behind the others. Samples may be
 integer counts (value = stored x scale). Large files are not loaded: any part is read when it is asked for.
 """
 
@@ -161,7 +161,8 @@ def _channel_names(path: Path, file: h5py.File) -> list[str]:
 def _column(name: str, dataset: h5py.Dataset) -> Column:
     attributes = {key: plain(value) for key, value in dataset.attrs.items()}
     text = {key: str(attributes[key]) if key in attributes else None for key in _TEXTS}
-    return Column(name, **text, written=name, full_scale=number_of(attributes.get("full_scale")))
+    numbers = {"full_scale": number_of(attributes.get("full_scale")), "delay": number_of(attributes.get("delay_s"))}
+    return Column(name, **text, written=name, **numbers)
 
 
 def _scale(path: Path, name: str, dataset: h5py.Dataset) -> float:

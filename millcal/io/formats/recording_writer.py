@@ -71,6 +71,8 @@ def _dataset(file: h5py.File, recording: Recording, row: int, step: float | None
         dataset.attrs["acts_on"] = "tool"
     if channel.role is not None:
         dataset.attrs["role"] = channel.role
+    if channel.delay:
+        dataset.attrs["delay_s"] = float(channel.delay)
     return dataset
 
 

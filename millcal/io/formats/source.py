@@ -33,6 +33,7 @@ class Column:
     full_scale: float | None = None  # in `unit`
     acts_on: str | None = None
     role: str | None = None  # hammer, response
+    delay: float | None = None  # s
 
 
 @dataclass(frozen=True)
