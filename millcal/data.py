@@ -85,6 +85,7 @@ class Channel:
     dof: str  # point and direction: tipX
     full_scale: float | None = None  # input range in `unit`, for overload
     role: Literal["hammer", "response"] | None = None  # in an impact test; None: only a force is the hammer
+    delay: float = 0.0  # s by which the signal is behind; an FRF is corrected for it
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -191,6 +192,7 @@ class Hit:
     peak: float  # N
     accepted: bool
     reasons: tuple[str, ...] = ()  # double, overload, weak, inconsistent, ...
+    remarks: tuple[str, ...] = ()  # what was mended or does no harm: a drift taken off, a late response moved back
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -204,7 +206,7 @@ class HitSpectra(Record):
     response: np.ndarray = array("SI of the response", "hit", "output", "line")  # complex
     force: np.ndarray = array("N", "hit", "input", "sample")  # within its window; zero beside it
     force_start: np.ndarray = array("sample", "hit")  # of the first sample in `force`, counted from the record's origin
-    window_stop: np.ndarray = array("sample", "hit", "output")
+    window_stop: np.ndarray = array("sample", "hit", "output")  # of the time without delay, so not always whole
     window_fall: np.ndarray = array("sample", "hit", "output")
     force_noise: np.ndarray = array("N^2", "input")  # E|noise|^2 of a line, summed over the hits
     response_noise: np.ndarray = array("square of the response", "output")  # E|noise|^2 of a line, mean over the hits
@@ -330,12 +332,19 @@ class Modes(Record):
             self.frequency_estimate, self.damping_estimate, Estimate(sign * residue, sign * deviation)
         )
 
-    def interval(self, estimate: Estimate, *, lowest: float = 0.0) -> np.ndarray:
-        """The 95 % interval of what the fit found, cut at the lowest it can be; nan where none is known.
+    def interval(self, estimate: Estimate) -> np.ndarray:
+        """The 95 % interval of what the fit found of frequency or damping, never below 0; nan where none is known.
 
         returns (mode, low and high)
         """
-        return interval(estimate, self.fit.dof if self.fit else 0.0, lowest=lowest)
+        return interval(estimate, self.fit.dof if self.fit else 0.0)
+
+    @property
+    def delay_interval(self) -> np.ndarray | None:
+        """The 95 % interval of the estimated delays, None where there are none.   s, (output, low and high)"""
+        if self.fit is None or self.fit.delay is None or self.fit.delay_sd is None:
+            return None
+        return interval(Estimate(self.fit.delay, self.fit.delay_sd[np.newaxis]), self.fit.dof, lowest=-np.inf)
 
     def interval_of_constant(self, constant: Constant) -> np.ndarray:
         """The same of k, m or c; infinite at the high end where the mode cannot be told from one that does not move."""

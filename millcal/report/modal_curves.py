@@ -29,7 +29,7 @@ class FittedPair:
 
 def fitted_pair(modes: Modes, fit: ModalFit, output: int, given: int) -> FittedPair:
     """The curves of one pair of output and input over the lines of the fit, but for those far below all modes."""
-    lines = fit.frequency >= BELOW * float(modes.natural_frequency.min())
+    lines = lines_drawn(modes, fit)
     factor, middle = FORMS[fit.form][2], PHASE_MIDDLE[fit.form]
     turned = fit.outputs[output].startswith("-") != fit.inputs[given].startswith("-")
     middle_turn = np.exp(-1j * np.radians(middle)) * (-1 if turned else 1)
@@ -42,6 +42,18 @@ def fitted_pair(modes: Modes, fit: ModalFit, output: int, given: int) -> FittedP
         factor * np.abs(measured - as_recorded),
         *(middle + np.degrees(np.angle(value * middle_turn)) for value in (measured, fitted)),
     )
+
+
+def lines_drawn(modes: Modes, fit: ModalFit) -> np.ndarray:
+    """Which lines of the fit are drawn: those not far below all modes; all, where that leaves none.   returns (line,)"""
+    lines = fit.frequency >= BELOW * float(modes.natural_frequency.min())
+    return lines if np.count_nonzero(lines) > 1 else np.ones(len(fit.frequency), bool)
+
+
+def marks_drawn(modes: Modes, ends: tuple[float, float]) -> list[tuple[float, str]]:
+    """Frequency and number of the modes within a range; one outside of the band has no place on its curves."""
+    numbered = enumerate(modes.natural_frequency.tolist(), 1)
+    return [(frequency, str(number)) for number, frequency in numbered if ends[0] <= frequency <= ends[1]]
 
 
 def magnitudes_drawn(*pairs: FittedPair) -> tuple[float, float]:
@@ -71,14 +83,18 @@ def cross_pairs(fit: ModalFit) -> list[tuple[int, int]]:
 
 
 def taken_away(fit: ModalFit) -> float:
-    """The share of the FRF that windows and the ends of the records took away, and the fit puts back."""
-    lost, all_of_it = (float(np.nansum(np.abs(v) ** 2)) for v in (fit.synthesised - fit.modelled, fit.modelled))
+    """The share of the FRF that windows and the ends of the records took away, delays apart, and the fit puts back."""
+    recorded = fit.modelled
+    if fit.delay is not None:
+        late = np.exp(2j * np.pi * np.outer(fit.frequency, np.nan_to_num(fit.delay)))
+        recorded = recorded * late[:, :, np.newaxis]
+    lost, all_of_it = (float(np.nansum(np.abs(v) ** 2)) for v in (fit.synthesised - recorded, recorded))
     return (lost / all_of_it) ** 0.5 if all_of_it else 0.0
 
 
 def fitted_in_words(fit: ModalFit) -> str:
     """What a legend calls the fitted curve."""
-    return "fitted, corrected" if taken_away(fit) >= UNDONE else "fitted"
+    return "fitted, corrected" if fit.delay is not None or taken_away(fit) >= UNDONE else "fitted"
 
 
 def mean_magnitude(fit: ModalFit) -> np.ndarray:

@@ -31,6 +31,7 @@ from millcal.report.modal_curves import (
     fitted_in_words,
     fitted_pair,
     magnitudes_drawn,
+    marks_drawn,
     mean_magnitude,
     mode_names,
     share,
@@ -82,8 +83,9 @@ def cross(modes: Modes, fit: ModalFit) -> list[Figure]:
 
 def _magnitude(modes: Modes, fit: ModalFit, pair: FittedPair, height: float, y_range: tuple[float, float]) -> Panel:
     symbol, unit, _ = FORMS[fit.form]
-    rules: list[Item] = [Rule(float(f), "x") for f in modes.natural_frequency]
-    tags = Tags([float(f) for f in modes.natural_frequency], [str(n + 1) for n in range(len(rules))])
+    marks = marks_drawn(modes, (float(pair.frequency[0]), float(pair.frequency[-1])))
+    rules: list[Item] = [Rule(frequency, "x") for frequency, _ in marks]
+    tags = Tags([frequency for frequency, _ in marks], [number for _, number in marks])
     left = _line(pair, pair.left, "")
     lines = [
         Band(left.x, np.full(len(left.x), y_range[0] / 10), left.y, "left"),
@@ -106,7 +108,8 @@ def _kept(pair: FittedPair, values: np.ndarray, most: int) -> np.ndarray:
 def _phase(modes: Modes, fit: ModalFit, pair: FittedPair) -> Panel:
     middle = PHASE_MIDDLE[fit.form]
     quarter = [(angle, fixed(angle, 0)) for angle in (middle - 90.0, middle, middle + 90.0)]
-    items: list[Item] = [Rule(float(f), "x") for f in modes.natural_frequency]
+    marks = marks_drawn(modes, (float(pair.frequency[0]), float(pair.frequency[-1])))
+    items: list[Item] = [Rule(frequency, "x") for frequency, _ in marks]
     for phase, kind in ((pair.measured_phase, "under"), (pair.fitted_phase, "over")):
         kept = thin(pair.frequency, phase, POINTS)
         leaps = np.flatnonzero(np.abs(np.diff(phase[kept])) > 180.0) + 1  # from one branch to the next
@@ -165,14 +168,16 @@ def stabilisation(modes: Modes, fit: ModalFit) -> Figure | None:
         """A magnitude as a place of the ordinate, whose numbers are orders."""
         return low + (high - low) * np.log(np.maximum(value, faintest) / faintest) / np.log(strongest / faintest)
 
+    x_range = (float(fit.frequency[0]), float(fit.frequency[-1]))
+    marks = marks_drawn(modes, x_range)
     kept = thin(fit.frequency, np.log(np.maximum(magnitude, faintest)), POINTS)
     values = log_ticks(faintest, strongest, 5)
     items: list[Item] = [
         Line(fit.frequency[kept], height(magnitude[kept]), "faint behind"),
-        *(Rule(float(frequency), "x") for frequency in modes.natural_frequency),
+        *(Rule(frequency, "x") for frequency, _ in marks),
         Marks(f[~stable], n[~stable], "faint-pole", "ring", size=2.4),
         Marks(f[stable], n[stable], "stable-pole", "dot", size=3.2),
-        Tags([float(v) for v in modes.natural_frequency], [str(i + 1) for i in range(len(modes.axes))]),
+        Tags([frequency for frequency, _ in marks], [number for _, number in marks]),
     ]
     panel = Panel(
         "order of the model",
@@ -183,7 +188,6 @@ def stabilisation(modes: Modes, fit: ModalFit) -> Figure | None:
         right_label=f"rms |{symbol}|, {unit}",
         right_ticks=list(zip(height(np.array(values)).tolist(), log_tick_labels(values), strict=True)),
     )
-    x_range = (float(fit.frequency[0]), float(fit.frequency[-1]))
     label = (
         f"Stabilisation chart: {len(f)} poles of orders {n.min():.0f} to {n.max():.0f} against frequency, {stable.sum()} of them "
         f"stable, and {len(modes.axes)} modes that were taken"

@@ -30,15 +30,33 @@ def fit_in_words(fit: ModalFit) -> str:
     )
 
 
-def taken_away_in_words(fit: ModalFit) -> str:
+def corrections_in_words(fit: ModalFit) -> str:
     """What is said where the structure's FRF is not the one that was recorded; empty where it is."""
+    said = []
     lost = taken_away(fit)
-    if lost < UNDONE:
+    if lost >= UNDONE:
+        said.append(f"Windows and the ends of the records took {share(lost)} of the FRF away.")
+    if fit.delay is not None:
+        said.append("The responses came later than the hammer.")
+    if not said:
         return ""
-    return (
-        f"Windows and the ends of the records took {share(lost)} of the FRF away. The fit knows that: what it leaves is "
-        "counted against the FRF as it was recorded, and the fitted curve is the corrected one, of the structure itself."
+    said.append(
+        "The fit knows that: what it leaves is counted against the FRF as it was recorded, and the fitted curve is the "
+        "corrected one, of the structure itself."
     )
+    return " ".join(said)
+
+
+def delays(found: Modes) -> Table | None:
+    """How late each response is behind the hammer; None where that was not estimated."""
+    fit = found.fit
+    bounds = found.delay_interval if fit is not None else None
+    if fit is None or fit.delay is None or bounds is None:
+        return None
+    shown = _with_intervals(fit.delay, bounds, 1e6)
+    rows = [[dof, text] for dof, text in zip(fit.outputs, shown, strict=True)]
+    note = "Estimated from the phase over all modes and taken out of them; the measured FRF still has it."
+    return Table("Delay of the responses behind the hammer", ("response", "delay, µs"), rows, note=note)
 
 
 def modes(found: Modes) -> Table:
@@ -173,12 +191,12 @@ def _with_intervals(values: np.ndarray, bounds: np.ndarray, factor: float) -> li
     for value, (low, high) in zip((factor * values).tolist(), (factor * bounds).tolist(), strict=True):
         if isfinite(low) and not isfinite(high):
             shown.append(f"over {fixed(low, 1 - floor(log10(low)))}" if low > 0 else UNKNOWN)
-        elif not isfinite(high) or not isfinite(value):
+        elif not (isfinite(value) and high > low):
             shown.append(significant(value, 4))
-        elif high - low > 2e-5 * value:
+        elif high - low > 2e-5 * abs(value):
             shown.append(plus_minus(value, low, high))
         else:  # finer than six digits show
-            decimals, half = 6 - floor(log10(value)), (high - low) / 2
+            decimals, half = 6 - floor(log10(abs(value))), (high - low) / 2
             width = fixed(half, decimals) if half >= 10.0**-decimals else significant(half, 1)
             shown.append(f"{fixed(value, decimals)} ± {width}")
     return shown

@@ -165,16 +165,17 @@ def _modal(modes: Modes | None) -> dict | None:
     if modes.fit is None:
         return _section("structure", "Structure", _table(modal_tables.modes(modes)))
     fit = modes.fit
-    lost = modal_tables.taken_away_in_words(fit)
+    corrected = modal_tables.corrections_in_words(fit)
     key = modal_figures.key(fit)
     driving, cross = modal_figures.driving_points(modes, fit), modal_figures.cross(modes, fit)
     return _section(
         "modes",
         "Modes",
         {"kind": "text", "text": modal_tables.fit_in_words(fit)},
-        {"kind": "text", "text": lost} if lost else None,
+        {"kind": "text", "text": corrected} if corrected else None,
         _table(modal_tables.modes(modes)),
         _table(modal_tables.stiffness(modes)),
+        _table(modal_tables.delays(modes)),
         _figures(
             driving, "Fitted over measured at the driving points", _drawn(driving, fit.driving_points), "halves", key
         ),

@@ -172,7 +172,7 @@ def hits(frf: Frf) -> Table | None:
             fixed(hit.onset, 3),
             significant(hit.peak, 4),
             "✓ used" if hit.accepted else "✕ left out",
-            ", ".join(hit.reasons),
+            "; ".join((*hit.reasons, *hit.remarks)),
         ]
         for hit in frf.hits
     ]

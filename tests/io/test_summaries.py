@@ -183,6 +183,7 @@ def test_a_fit_tells_how_well_it_explains_each_frf():
     assert told["delay_us"]["tipX"] == pytest.approx(12.0)
     low, high = told["delay_us_ci95"]["tipY"]
     assert low == pytest.approx(-high)  # no time that the response were late: as likely early
+    assert "delay us behind the hammer, taken out: tipX 12.00, tipY 0, " in text_of(modes)
 
 
 def test_a_delay_that_was_not_estimated_is_not_told():

@@ -153,8 +153,35 @@ def test_a_corrected_fit_is_said_to_be_one_and_only_where_something_was_taken_aw
     lost = share(taken_away(MADE["cut_off"].fit))
     assert f"took {lost} of the FRF away" in words
     assert "fitted, corrected" in words
-    words = seen(render({"modes": MADE["six_by_three"]}, {}, {}))
+    as_recorded = dataclasses.replace(MADE["six_by_three"].fit, delay=None, delay_sd=None)
+    words = seen(render({"modes": dataclasses.replace(MADE["six_by_three"], fit=as_recorded)}, {}, {}))
     assert "corrected" not in words
+
+
+def test_a_delay_is_shown_with_its_interval_and_is_not_taken_for_a_record_cut_off():
+    modes = MADE["six_by_three"]
+    late = np.exp(-2j * np.pi * np.outer(modes.fit.frequency, modes.fit.delay))[:, :, np.newaxis]
+    fit = dataclasses.replace(modes.fit, measured=modes.fit.measured * late, modelled=modes.fit.modelled * late)
+    assert taken_away(fit) < 1e-9
+    modes = dataclasses.replace(modes, fit=fit)
+    table = modal_tables.delays(modes)
+    low, high = modes.delay_interval[0] * 1e6
+    value, half = (float(part) for part in table.rows[0][1].split(" ± "))
+    assert (value, half) == pytest.approx((12.0, (high - low) / 2), rel=0.05)
+    words = seen(render({"modes": modes}, {}, {}))
+    assert "The responses came later than the hammer." in words
+    assert "of the FRF away" not in words
+
+
+def test_a_mode_outside_of_the_band_is_in_the_tables_and_on_no_curve():
+    modes = MADE["six_by_three"]
+    far = dataclasses.replace(modes, natural_frequency=np.array([20.0, 668.0, 1180.0, 1505.0, 40_000.0]))
+    for figure in modal_figures.driving_points(far, far.fit):
+        numbers = [text.text for text in tree_of(figure).iter("text") if text.get("class") == "tick strong"]
+        assert numbers == ["2", "3", "4"]
+    assert len(modal_tables.modes(far).rows) == 5
+    above = dataclasses.replace(modes, natural_frequency=modes.natural_frequency * 100)
+    assert "<svg" in render({"modes": above}, {}, {})
 
 
 def test_the_fitted_curve_is_the_structures_own_and_the_rest_is_counted_against_what_was_recorded():

@@ -14,6 +14,7 @@ from millcal.report.modal_curves import (
     fitted_in_words,
     fitted_pair,
     magnitudes_drawn,
+    marks_drawn,
     mean_magnitude,
     share,
 )
@@ -56,7 +57,7 @@ def _sheet(modes: Modes, fit: ModalFit, pairs: dict[tuple[int, int], FittedPair]
         ends = (float(pair.frequency[0]), float(pair.frequency[-1]))
         log = ends[0] > 0 and ends[1] > 6 * ends[0]
         for panel in (upper, lower):
-            for frequency in modes.natural_frequency:
+            for frequency, _ in marks_drawn(modes, ends):
                 entries["modes"] = panel.axvline(frequency, **_RULE)
         for panel, values, fitted, scaled in (
             (upper, pair.measured, pair.fitted, True),
@@ -82,7 +83,9 @@ def _sheet(modes: Modes, fit: ModalFit, pairs: dict[tuple[int, int], FittedPair]
     figure.align_ylabels()
     entries[fitted_in_words(fit)] = entries.pop("fitted")
     order = ("measured", fitted_in_words(fit), "left by the fit", "modes")
-    sheet.legend(figure, [(entries[name], name) for name in order], columns=4 if len(pairs) > 1 else 2)
+    sheet.legend(
+        figure, [(entries[name], name) for name in order if name in entries], columns=4 if len(pairs) > 1 else 2
+    )
     return figure
 
 
@@ -102,6 +105,7 @@ def _chart(modes: Modes, fit: ModalFit) -> dict[str, Any]:
     figure, panels = sheet.sheet(sheet.DOUBLE, 72.0, 1, 2 if with_mac else 1, widths=(2.1, 1) if with_mac else None)
     poles = panels[0, 0]
     stable = fit.chart_stable > 0
+    entries: dict[str, Any] = {}
     behind = poles.twinx()
     behind.set_zorder(0)
     poles.set_zorder(1)
@@ -110,23 +114,24 @@ def _chart(modes: Modes, fit: ModalFit) -> dict[str, Any]:
     (curve,) = behind.plot(*_curve(fit.frequency, magnitude, True), color=sheet.BAND, linewidth=1.2)
     behind.grid(False)
     sheet.quiet(behind, "x")
-    for frequency in modes.natural_frequency:
-        taken = poles.axvline(frequency, **_RULE)
+    ends = (float(fit.frequency[0]), float(fit.frequency[-1]))
+    for frequency, _ in marks_drawn(modes, ends):
+        entries["modes"] = poles.axvline(frequency, **_RULE)
     look = {"color": sheet.MUTED, "fillstyle": "none", "markersize": 2.6, "markeredgewidth": 0.5, "linestyle": "none"}
     (other,) = poles.plot(fit.chart_frequency[~stable], fit.chart_order[~stable], "o", **look)
     (sure,) = poles.plot(
         fit.chart_frequency[stable], fit.chart_order[stable], "D", color=sheet.MAIN, markersize=2.6, linestyle="none"
     )
-    sheet.scale(poles, "x", (float(fit.frequency[0]), float(fit.frequency[-1])), label="frequency (Hz)", most=6)
-    ends = (float(fit.chart_order.min()) - 1, float(fit.chart_order.max()) + 1)
-    sheet.scale(poles, "y", ends, label="order of the model (1)", most=8)
+    sheet.scale(poles, "x", ends, label="frequency (Hz)", most=6)
+    orders = (float(fit.chart_order.min()) - 1, float(fit.chart_order.max()) + 1)
+    sheet.scale(poles, "y", orders, label="order of the model (1)", most=8)
     low, high = float(magnitude[magnitude > 0].min()) / 1.25, float(np.nanmax(magnitude)) * 1.25
     sheet.scale(behind, "y", (low, high), label=f"rms {magnitude_label(fit.form, lines=1)}", log=True, most=5)
-    entries = [(sure, "stable pole"), (other, "other pole"), (taken, "modes"), (curve, "all FRFs, rms")]
+    entries = {"stable pole": sure, "other pole": other, **entries, "all FRFs, rms": curve}
     if with_mac:
         _mac(panels[0, 1], modes, fit)
         sheet.letters(panels[0], ("", "MAC (1)"))
-    sheet.legend(figure, entries, columns=4)
+    sheet.legend(figure, [(handle, name) for name, handle in entries.items()], columns=4)
     return {"modal-chart": figure}
 
 

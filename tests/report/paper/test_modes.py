@@ -33,7 +33,7 @@ def test_every_mode_is_marked_in_every_panel(figures):
 
 def test_a_correction_is_in_the_legend_and_only_where_there_is_one(figures):
     assert "fitted, corrected" in texts(figures["a record cut off: modal-fit"])
-    assert "fitted" in texts(figures["modal-fit"])
+    assert "fitted" in texts(figures["one FRF without hits: modal-fit"])
 
 
 def test_the_assurance_criterion_is_written_in_its_cells(figures):
