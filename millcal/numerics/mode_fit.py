@@ -48,15 +48,19 @@ class Fit(NamedTuple):
     unknowns: int
 
 
-class _Projected(NamedTuple):
-    """One test at given poles, whitened and stacked as real rows."""
+class _Solved(NamedTuple):
+    """One test at given poles: the linear unknowns solved for, whitened and stacked as real rows.
 
-    basis: np.ndarray  # Q of Phi, (output, row, unknown)
-    triangle: np.ndarray  # R of the scaled Phi
-    scale: np.ndarray  # (output, unknown) of the columns
+    Outputs whose functions are alike, as where no window took anything away, share one basis: "base" is 1, or output.
+    """
+
+    basis: np.ndarray  # Q of the functions, (base, row, unknown)
+    triangle: np.ndarray  # R of the functions with columns of unit length, (base, unknown, unknown)
+    scale: np.ndarray  # (output, unknown) length of the columns over the noise
     linear: np.ndarray  # (output, unknown)
-    residual: np.ndarray  # (output, row)
-    slope: np.ndarray  # d(Phi linear)/d(ln f_n, ln zeta), (output, row, 2 * mode)
+    residual: np.ndarray  # (output, row) over the noise
+    moving: np.ndarray  # derivatives of the modes' functions by ln f_n and ln zeta, (base, row, 2, modal unknown)
+    strength: np.ndarray  # linear unknowns of the modes over the noise, (output, modal unknown)
 
 
 def columns(
@@ -68,12 +72,16 @@ def columns(
     the remainder has one column for each power of s. Each column stands once for every input that it may belong to.
 
     exact : False for the frequency response of the structure itself, without the losses of the windows
-    returns complex (output, line, input, unknown) and (2, output, line, input, unknown), the latter without the remainder
+    returns complex (output, line, input, unknown) and (2, output, line, input, unknown), the latter without the remainder;
+        one output stands for all where they have the same functions
     """
     m, n = channels.values.shape[2], len(natural_frequency)
     s, power = channels.s, channels.power
+    if not exact or channels.loss is None:
+        channels = channels._replace(loss=None)
+        power = power[:1] if (power == power[0]).all() else power
     p = pole_of(natural_frequency, damping_ratio)
-    value, slope = pole_terms(s, np.concatenate([p, p.conj()]), power, channels.loss if exact else None, m)
+    value, slope = pole_terms(s, np.concatenate([p, p.conj()]), power, channels.loss, m)
     turn = pole_slopes(natural_frequency, damping_ratio)  # (2, mode)
 
     def shaped(a: np.ndarray) -> np.ndarray:  # a number for each mode among (output, mode, line, input, input)
@@ -106,47 +114,59 @@ def columns(
     return np.concatenate(flat, axis=-1), flat_slope.reshape(2, len(power), len(s), m, count * m)
 
 
+def combined(functions: np.ndarray, linear: np.ndarray) -> np.ndarray:
+    """The model of all outputs.   functions : (output or 1, line, input, unknown)   linear : (output, unknown)"""
+    return (functions @ linear[:, None, :, None])[..., 0]
+
+
 def whitened(channels: Channels, matrix: np.ndarray) -> np.ndarray:
-    """H L / sigma with the lines and inputs as real rows.   matrix : (output, line, input, ...)   returns (output, row, ...)"""
+    """H L / sigma with lines and inputs as real rows.   matrix : (output, line, input)   returns (output, row)"""
+    return _rows(channels, matrix) / channels.noise[:, None]
+
+
+def _rows(channels: Channels, matrix: np.ndarray) -> np.ndarray:
+    """H L with lines and inputs as real rows.   matrix : (output or 1, line, input, ...)   returns (output or 1, row, ...)"""
     if channels.root.shape[-1] == 1:
-        scaled = matrix * channels.root[:, 0, 0].reshape(1, -1, 1, *[1] * (matrix.ndim - 3))
+        rooted = matrix * channels.root[:, 0, 0].reshape(1, -1, 1, *[1] * (matrix.ndim - 3))
     else:
-        scaled = np.einsum("oli...,lij->olj...", matrix, channels.root)
-    scaled = scaled / channels.noise.reshape(-1, *[1] * (matrix.ndim - 1))
-    rows = scaled.reshape(len(matrix), matrix.shape[1] * matrix.shape[2], *matrix.shape[3:])
+        rooted = np.einsum("oli...,lij->olj...", matrix, channels.root)
+    rows = rooted.reshape(len(matrix), matrix.shape[1] * matrix.shape[2], *matrix.shape[3:])
     return np.concatenate([rows.real, rows.imag], axis=1)
 
 
-def _project(channels: Channels, fn: np.ndarray, zeta: np.ndarray, model: Model) -> _Projected:
+def _solve(channels: Channels, fn: np.ndarray, zeta: np.ndarray, model: Model) -> _Solved:
     """Solve for the linear unknowns at given poles."""
-    phi, slopes = columns(channels, fn, zeta, model)
-    n, m = len(fn), channels.values.shape[2]
-    a, y = whitened(channels, phi), whitened(channels, channels.values)
+    functions, slopes = columns(channels, fn, zeta, model)
+    a, y = _rows(channels, functions), _rows(channels, channels.values)
     scale = np.linalg.norm(a, axis=1)
     scale = np.where(scale > 0, scale, 1.0)
     q, r = np.linalg.qr(a / scale[:, None, :])
-    z = np.einsum("oru,or->ou", q, y)
-    scaled = np.linalg.solve(r, z[..., None])[..., 0]
-    linear = scaled / scale
-    residual = y - np.einsum("oru,ou->or", q, z)
-    per_mode = (2 if model.complex_modes else 1) * m
-    modal = linear[:, : n * per_mode].reshape(len(linear), n, per_mode)
-    by_mode = slopes.reshape(2, *phi.shape[:3], n, per_mode)
-    moved = np.einsum("kolinu,onu->olikn", by_mode, modal)
-    slope = whitened(channels, moved.reshape(*phi.shape[:3], 2 * n))
-    return _Projected(q, r, scale, linear, residual, slope)
+    z = (y[:, None, :] @ q)[:, 0]  # (output, unknown)
+    noise = channels.noise[:, None]
+    linear = np.linalg.solve(r, z[..., None])[..., 0] / scale
+    residual = (y - (q @ z[..., None])[..., 0]) / noise
+    modal = slopes.shape[-1]
+    moving = _rows(channels, np.moveaxis(slopes, 0, 3))
+    return _Solved(q, r, scale / noise, linear, residual, moving, linear[:, :modal] / noise)
 
 
-def _normal(parts: Sequence[_Projected]) -> tuple[float, np.ndarray, np.ndarray]:
-    """Cost, normal matrix and gradient of the projected problem (Kaufman's Jacobian)."""
-    cost, normal, gradient = 0.0, 0.0, 0.0
+def _normal(parts: Sequence[_Solved], modes: int) -> tuple[float, np.ndarray, np.ndarray]:
+    """Cost, normal matrix and gradient of the projected problem, with Kaufman's Jacobian."""
+    cost, normal, gradient = 0.0, np.zeros((2, modes, 2, modes)), np.zeros((2, modes))
     for part in parts:
-        free = part.slope - part.basis @ (np.swapaxes(part.basis, 1, 2) @ part.slope)
-        flat = free.reshape(-1, free.shape[-1])
-        normal = normal + flat.T @ flat
-        gradient = gradient + flat.T @ part.residual.ravel()
+        base, row, _, modal = part.moving.shape
+        each = modal // max(modes, 1)  # unknowns of a mode
+        D = part.moving.reshape(base, row, 2 * modal)
+        D = D - part.basis @ (np.swapaxes(part.basis, 1, 2) @ D)
+        products = (np.swapaxes(D, 1, 2) @ D).reshape(base, 2, modal, 2, modal)
+        along = (part.residual[:, None, :] @ D).reshape(-1, 2, modal)  # (output, ...)
+        pairs = part.strength[:, :, None] * part.strength[:, None, :]  # (output, modal, modal)
+        pairs = pairs.sum(axis=0, keepdims=True) if base == 1 else pairs
+        weighted = np.sum(products * pairs[:, None, :, None, :], axis=0)
+        normal += weighted.reshape(2, modes, each, 2, modes, each).sum(axis=(2, 5))
+        gradient += np.sum(along * part.strength[:, None], axis=0).reshape(2, modes, each).sum(axis=2)
         cost += float(np.sum(part.residual**2))
-    return cost, np.asarray(normal), np.asarray(gradient)
+    return cost, normal.reshape(2 * modes, 2 * modes), gradient.ravel()
 
 
 def fit_poles(
@@ -164,18 +184,18 @@ def fit_poles(
     tolerance, smallest_step : relative fall of the cost and relative change of a pole that end the search together
     """
     fn, zeta = np.array(natural_frequency, float), np.array(damping_ratio, float)
-    parts = [_project(channels, fn, zeta, model) for channels in tests]
+    parts = [_solve(channels, fn, zeta, model) for channels in tests]
     if len(fn):
         damping = 1e-4
-        cost, normal, gradient = _normal(parts)
+        cost, normal, gradient = _normal(parts, len(fn))
         for _ in range(max_steps):
             diagonal = np.maximum(np.diag(normal), 1e-300)
             step = np.linalg.solve(normal + damping * np.diag(diagonal), gradient)
             step *= min(1.0, 0.5 / max(np.abs(step).max(), 1e-300))  # half an e-fold a step at most
             new_fn = fn * np.exp(step[: len(fn)])
             new_zeta = np.minimum(zeta * np.exp(step[len(fn) :]), LARGEST_DAMPING)
-            tried = [_project(channels, new_fn, new_zeta, model) for channels in tests]
-            new_cost, new_normal, new_gradient = _normal(tried)
+            tried = [_solve(channels, new_fn, new_zeta, model) for channels in tests]
+            new_cost, new_normal, new_gradient = _normal(tried, len(fn))
             if new_cost < cost:
                 fallen = 1.0 - new_cost / cost
                 fn, zeta, parts, cost, normal, gradient = new_fn, new_zeta, tried, new_cost, new_normal, new_gradient
@@ -189,7 +209,7 @@ def fit_poles(
     order = np.argsort(fn)
     if (order != np.arange(len(fn))).any():
         fn, zeta = fn[order], zeta[order]
-        parts = [_project(channels, fn, zeta, model) for channels in tests]
+        parts = [_solve(channels, fn, zeta, model) for channels in tests]
     return Fit(
         fn,
         zeta,
@@ -205,15 +225,30 @@ def residual_after(tests: Sequence[Channels], fit: Fit, model: Model) -> list[np
     left = []
     for channels, linear in zip(tests, fit.linear, strict=True):
         phi, _ = columns(channels, fit.natural_frequency, fit.damping_ratio, model)
-        left.append(channels.values - np.einsum("oliu,ou->oli", phi, linear))
+        left.append(channels.values - combined(phi, linear))
     return left
+
+
+class Part(NamedTuple):
+    """One test at a fit, linearised: residual = slope dp + basis (triangle (scale d linear))."""
+
+    basis: np.ndarray  # (output, row, unknown), orthonormal
+    triangle: np.ndarray  # (output, unknown, unknown)
+    scale: np.ndarray  # (output, unknown)
+    residual: np.ndarray  # (output, row)
+    slope: np.ndarray  # (output, row, 2 mode)
+
+    def linear(self, residual: np.ndarray) -> np.ndarray:
+        """The change of the linear unknowns that explains a residual.   residual : (output, row)   returns (output, unknown)"""
+        along = (residual[:, None, :] @ self.basis)[:, 0]
+        return np.linalg.solve(self.triangle, along[..., None])[..., 0] / self.scale
 
 
 class Sensitivity(NamedTuple):
     """The Gauss-Newton step at a fit: how its unknowns follow a change of the data."""
 
     inverse: np.ndarray  # of the projected normal matrix, (2 mode, 2 mode)
-    parts: tuple[_Projected, ...]
+    parts: tuple[Part, ...]
 
     def step(self, changed: Sequence[tuple[int, np.ndarray]]) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
         """Change of the poles and of the linear unknowns, for residuals of some tests that stand in place of the fit's.
@@ -225,21 +260,26 @@ class Sensitivity(NamedTuple):
         for number, residual in changed:
             residuals[number] = residual
         for part, residual in zip(self.parts, residuals, strict=True):
-            along = np.einsum("oru,or->ou", part.basis, residual)
-            free = residual - np.einsum("oru,ou->or", part.basis, along)
+            along = (residual[:, None, :] @ part.basis)[:, 0]
+            free = residual - (part.basis @ along[..., None])[..., 0]
             gradient += np.einsum("ork,or->k", part.slope, free)
         poles = self.inverse @ gradient
-        linear = []
-        for part, residual in zip(self.parts, residuals, strict=True):
-            left = residual - part.slope @ poles
-            scaled = np.linalg.solve(part.triangle, np.einsum("oru,or->ou", part.basis, left)[..., None])[..., 0]
-            linear.append(scaled / part.scale)
-        return poles, tuple(linear)
+        pairs = zip(self.parts, residuals, strict=True)
+        return poles, tuple(part.linear(residual - part.slope @ poles) for part, residual in pairs)
 
 
 def sensitivity(tests: Sequence[Channels], fit: Fit, model: Model) -> Sensitivity:
     """The linearised problem at a fit, for intervals."""
-    parts = tuple(_project(channels, fit.natural_frequency, fit.damping_ratio, model) for channels in tests)
-    normal = _normal(parts)[1]
+    modes = len(fit.natural_frequency)
+    solved = [_solve(channels, fit.natural_frequency, fit.damping_ratio, model) for channels in tests]
+    normal = _normal(solved, modes)[1]
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    return Sensitivity(np.linalg.pinv(normal / np.outer(scale, scale)) / np.outer(scale, scale), parts)
+    parts = []
+    for part in solved:
+        outputs, modal = part.strength.shape
+        by_mode = part.moving.reshape(*part.moving.shape[:3], modes, modal // modes)
+        strength = part.strength.reshape(outputs, 1, 1, modes, -1)
+        slope = np.sum(by_mode * strength, axis=-1).reshape(outputs, -1, 2 * modes)
+        shared = (np.broadcast_to(array, (outputs, *array.shape[1:])) for array in (part.basis, part.triangle))
+        parts.append(Part(*shared, part.scale, part.residual, slope))
+    return Sensitivity(np.linalg.pinv(normal / np.outer(scale, scale)) / np.outer(scale, scale), tuple(parts))

@@ -5,7 +5,16 @@ import pytest
 from scipy.optimize import least_squares
 
 from millcal.numerics.modal_basis import pole_of
-from millcal.numerics.mode_fit import Channels, Model, columns, fit_poles, residual_after, sensitivity, whitened
+from millcal.numerics.mode_fit import (
+    Channels,
+    Model,
+    columns,
+    combined,
+    fit_poles,
+    residual_after,
+    sensitivity,
+    whitened,
+)
 
 FN, ZETA = np.array([61.0, 83.0, 104.0]), np.array([0.08, 0.03, 0.05])
 S = 2j * np.pi * np.linspace(20.0, 180.0, 161)
@@ -23,7 +32,7 @@ def a_test(rng, inputs=1, outputs=2, model=REAL, noise=0.0, power=2):
     phi, _ = columns(empty, FN, ZETA, model)
     size = np.abs(phi).mean(axis=(0, 1, 2))
     linear = rng.uniform(0.5, 1.5, (outputs, phi.shape[-1])) / size
-    values = np.einsum("oliu,ou->oli", phi, linear)
+    values = combined(phi, linear)
     white = rng.standard_normal((*values.shape, 2)) @ [1, 1j] * noise / np.sqrt(2)
     coloured = np.einsum("oli,lij->olj", white, np.linalg.inv(root))
     return empty._replace(values=values + coloured), linear
@@ -58,11 +67,10 @@ def test_a_general_solver_ends_at_the_same_place():
     fit = fit_poles([test], FN, ZETA, REAL)
 
     def residuals(x):
-        a, y = (whitened(test, part) for part in (columns(test, *np.exp(x).reshape(2, 3), REAL)[0], test.values))
-        scale = np.linalg.norm(a, axis=1, keepdims=True)
-        return np.concatenate(
-            [own - u @ np.linalg.lstsq(u, own, rcond=None)[0] for own, u in zip(y, a / scale, strict=True)]
-        )
+        functions = columns(test, *np.exp(x).reshape(2, 3), REAL)[0][0]
+        a = np.stack([whitened(test, np.stack(2 * [own]))[0] for own in np.moveaxis(functions, -1, 0)], axis=1)
+        a = a / np.linalg.norm(a, axis=0)
+        return np.concatenate([own - a @ np.linalg.lstsq(a, own, rcond=None)[0] for own in whitened(test, test.values)])
 
     slow = least_squares(residuals, np.log([FN, ZETA]).ravel(), xtol=1e-14, ftol=1e-14, gtol=1e-14)
     np.testing.assert_allclose([fit.natural_frequency, fit.damping_ratio], np.exp(slow.x).reshape(2, 3), rtol=1e-6)
@@ -114,7 +122,7 @@ def test_a_step_follows_a_small_change_of_the_data():
     moved = test._replace(values=test.values + change)
     again = fit_poles([moved], fit.natural_frequency, fit.damping_ratio, REAL, tolerance=1e-14)
     phi, _ = columns(moved, fit.natural_frequency, fit.damping_ratio, REAL)
-    residual = whitened(moved, moved.values - np.einsum("oliu,ou->oli", phi, fit.linear[0]))
+    residual = whitened(moved, moved.values - combined(phi, fit.linear[0]))
     poles, linear = sensitivity([test], fit, REAL).step([(0, residual)])
     found = np.log([again.natural_frequency / fit.natural_frequency, again.damping_ratio / fit.damping_ratio]).ravel()
     np.testing.assert_allclose(poles, found, rtol=0.02, atol=0.02 * np.abs(found).max())

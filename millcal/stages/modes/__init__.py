@@ -17,7 +17,7 @@ from millcal.numerics.mode_fit import fit_poles
 from millcal.physics.structure import DERIVATIVES, convert_frf
 from millcal.stages.modes.answer import answer
 from millcal.stages.modes.problem import forms_of, lines_of, problem_of, stride_of
-from millcal.stages.modes.search import REMAINDER, for_the_search, search, stabilisation_chart
+from millcal.stages.modes.search import REMAINDER, search, stabilisation_chart, thinning
 
 Progress = Callable[[float, str], None]  # share done in 0..1, what is being done
 
@@ -53,10 +53,9 @@ def fit_modes(
     progress(0.1, "seeds")
     poles = stabilisation_chart(problem)
     progress(0.3, "modes")
-    every, lossless = for_the_search(problem, poles)
-    coarse = problem_of(frf, problem.lines[::every]) if every > 1 else problem
+    every = thinning(problem, poles)
     found = search(
-        coarse.without_losses() if lossless else coarse,
+        problem_of(frf, problem.lines[::every]) if every > 1 else problem,
         poles,
         powers=(*REMAINDER, 4)[: len(REMAINDER) if remainder is None else remainder],
         count=modes,

@@ -3,9 +3,10 @@
 import numpy as np
 
 from millcal.data import Frf, ModalFit, Modes, Notice
+from millcal.numerics.mode_fit import Fit
 from millcal.numerics.pole_search import Poles
 from millcal.stages.modes.intervals import deviations, modelled, remainders, residues
-from millcal.stages.modes.possible import complexity, driving_constants, driving_points, mac, shapes_of
+from millcal.stages.modes.possible import complexity, driving_constants, driving_points, mac, moves, shapes_of
 from millcal.stages.modes.problem import Problem, forms_of, measured_values, problem_of
 from millcal.stages.modes.search import Found
 
@@ -65,7 +66,7 @@ def answer(frf: Frf, problem: Problem, lines: np.ndarray, found: Found, poles: P
         stiffness=_stiffness(frf, found, residue),
         axes=_axes(frf, constants),
         fit=record,
-        notices=tuple(_notices(frf, record, fit.natural_frequency, constants)),
+        notices=tuple(_notices(frf, record, fit, constants)),
     )
 
 
@@ -85,7 +86,7 @@ def _axes(frf: Frf, constants: np.ndarray) -> tuple[str, ...]:
     return tuple(letters[int(np.argmax(row.real))] if len(row) else "" for row in constants)
 
 
-def _notices(frf: Frf, record: ModalFit, frequency: np.ndarray, constants: np.ndarray) -> list[Notice]:
+def _notices(frf: Frf, record: ModalFit, fit: Fit, constants: np.ndarray) -> list[Notice]:
     notices = []
     if record.residual_relative > EXPLAINED:
         left = f"{100 * record.residual_relative:.0f} %"
@@ -93,7 +94,7 @@ def _notices(frf: Frf, record: ModalFit, frequency: np.ndarray, constants: np.nd
             Notice("poor-fit", f"the modes leave {left} of the FRF unexplained; narrow the band, or see the coherence")
         )
     low, high = record.band
-    outside = [f"{fn:.0f}" for fn in frequency if not low <= fn <= high]
+    outside = [f"{fn:.0f}" for fn in fit.natural_frequency if not low <= fn <= high]
     if outside:
         message = (
             f"{', '.join(outside)} Hz is outside of the band: it stands for what lies there, and is no mode to rely on"
@@ -106,28 +107,30 @@ def _notices(frf: Frf, record: ModalFit, frequency: np.ndarray, constants: np.nd
         )
         notices.append(Notice("delay", message + "has it in: state the delays when it is estimated"))
     for k, (_, i) in enumerate(driving_points(frf.outputs, frf.inputs)):
-        notices += _of_driving_point(frf.inputs[i], record, frequency, constants[:, k])
+        notices += _of_driving_point(frf.inputs[i], record, fit, constants[:, k])
     if record.interval_from != "jackknife":
         message = "intervals come from the scatter of the lines alone, as there are not three hits; they are too short"
         notices.append(Notice("intervals-from-lines", message))
     return notices
 
 
-def _of_driving_point(dof: str, record: ModalFit, frequency: np.ndarray, constants: np.ndarray) -> list[Notice]:
-    """What the constants of one driving point say of its sign and of its phases."""
-    notices = []
+def _of_driving_point(dof: str, record: ModalFit, fit: Fit, constants: np.ndarray) -> list[Notice]:
+    """What the constants of one driving point say of its sign and of its phases, in the modes in which it moves."""
+    moving = moves(fit, constants)
+    frequency, constants = fit.natural_frequency[moving], constants[moving]
     negative = [f"{fn:.0f}" for fn, constant in zip(frequency, constants.real, strict=True) if constant <= 0]
-    if len(negative) == len(frequency):
-        message = f"every mode gives power to the hammer at {dof}: turn the sign of the accelerometer or of the hammer"
-        notices.append(Notice("accelerometer-polarity", message))
-    elif negative:
-        message = f"the driving point {dof} gives power away at {', '.join(negative)} Hz, which no structure does: those modes "
-        notices.append(Notice("not-passive", message + "have no stiffness there"))
     turned = [
         f"{fn:.0f}"
         for fn, constant in zip(frequency, constants, strict=True)
         if abs(np.sin(np.angle(constant))) > np.sin(TURNED)
     ]
+    notices = []
+    if negative and len(negative) == len(frequency):
+        message = f"every mode gives power to the hammer at {dof}: turn the sign of the accelerometer or of the hammer"
+        notices.append(Notice("accelerometer-polarity", message))
+    elif negative:
+        message = f"the driving point {dof} gives power away at {', '.join(negative)} Hz, which no structure does: those modes "
+        notices.append(Notice("not-passive", message + "have no stiffness there"))
     if turned and record.complex_modes:
         message = f"at {dof} the modes at {', '.join(turned)} Hz are far from real; their stiffness is a guess"
         notices.append(Notice("complex-driving-point", message))

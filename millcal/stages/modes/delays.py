@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from millcal.numerics.mode_fit import Channels, Fit, Model, columns, fit_poles, sensitivity, whitened
+from millcal.numerics.mode_fit import Channels, Fit, Model, columns, combined, fit_poles, sensitivity, whitened
 from millcal.stages.modes.problem import Problem
 
 STEPS = 3  # of Gauss and Newton: a delay of a sample or two is no small one at the upper end of the band
@@ -50,8 +50,7 @@ def _one_step(
     normal, gradient = np.zeros((n + outputs, n + outputs)), np.zeros(n + outputs)
     for channels, test, part, linear in zip(tests, problem.tests, known.parts, fit.linear, strict=True):
         phi, _ = columns(channels, fit.natural_frequency, fit.damping_ratio, model)
-        modelled = np.einsum("oliu,ou->oli", phi, linear)
-        late = whitened(channels, -channels.s[:, None] * modelled)[..., None]
+        late = whitened(channels, -channels.s[:, None] * combined(phi, linear))[..., None]
         every = np.concatenate([part.slope, late], axis=-1)
         every = every - part.basis @ (np.swapaxes(part.basis, 1, 2) @ every)
         for o, row in enumerate(test.rows[:, 0]):

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from millcal.numerics.modal_basis import pole_of, without_hit
-from millcal.numerics.mode_fit import Channels, Fit, Model, Sensitivity, columns, sensitivity, whitened
+from millcal.numerics.mode_fit import Channels, Fit, Model, Sensitivity, columns, combined, sensitivity, whitened
 from millcal.stages.modes.problem import Problem, Test
 
 FEWEST_HITS = 3  # of a test, for a jackknife
@@ -94,8 +94,7 @@ def _residual_without(problem: Problem, number: int, hit: int, fit: Fit, model: 
     loss = without_hit(channels.loss, hit, P @ inverse)
     left_out = channels._replace(values=channels.values + change, loss=loss)
     phi, _ = columns(left_out, fit.natural_frequency, fit.damping_ratio, model)
-    model_values = np.einsum("oliu,ou->oli", phi, fit.linear[number])
-    return whitened(channels, left_out.values - model_values)
+    return whitened(channels, left_out.values - combined(phi, fit.linear[number]))
 
 
 def _moved(fit: Fit, poles: np.ndarray, linear: tuple[np.ndarray, ...]) -> Fit:
@@ -118,8 +117,7 @@ def _by_line(problem: Problem, fit: Fit, model: Model, known: Sensitivity) -> De
         pole = sd * np.sqrt(max(value, 0.0)) * vector
         linear = []
         for part in known.parts:
-            along = np.einsum("oru,or->ou", part.basis, part.slope @ pole)
-            linear.append(-np.linalg.solve(part.triangle, along[..., None])[..., 0] / part.scale)
+            linear.append(-part.linear(part.slope @ pole))
         steps.append(_moved(fit, pole, tuple(linear)))
     still = np.zeros(len(known.inverse))
     for number, part in enumerate(known.parts):
@@ -178,6 +176,6 @@ def modelled(problem: Problem, fit: Fit, model: Model, *, exact: bool) -> np.nda
         if not exact:
             channels = channels._replace(s=2j * np.pi * problem.frequency)
         phi, _ = columns(channels, fit.natural_frequency, fit.damping_ratio, model, exact=exact)
-        values = np.einsum("oliu,ou->loi", phi, linear)
+        values = combined(phi, linear).transpose(1, 0, 2)
         test.put(out, values if test.turn is None or not exact else values / test.turn.T[:, :, None])
     return out

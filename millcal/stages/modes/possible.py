@@ -29,11 +29,21 @@ def is_possible(problem: Problem, fit: Fit, model: Model) -> bool:
     if np.triu((apart < CLOSE) & (whole_mac(residue) > ALIKE), 1).any():
         return False
     for constants in driving_constants(problem, fit, residue).T:  # of one driving point
-        size = np.abs(constants) / (fn**2 * zeta)  # of the resonance
-        sign = np.sign(np.sum(np.sign(constants.real) * size))  # the sensor may be turned
-        if np.any((np.abs(np.angle(constants * sign)) > SPLIT) & (size > HARDLY * size.max())):
+        sign = np.sign(np.sum(np.sign(constants.real) * resonance(fit, constants)))  # the sensor may be turned
+        if np.any((np.abs(np.angle(constants * sign)) > SPLIT) & moves(fit, constants)):
             return False
     return True
+
+
+def resonance(fit: Fit, constants: np.ndarray) -> np.ndarray:
+    """Size of each mode's resonance at a driving point, but for a factor.   constants : complex (mode,)"""
+    return np.abs(constants) / (fit.natural_frequency**2 * fit.damping_ratio)
+
+
+def moves(fit: Fit, constants: np.ndarray) -> np.ndarray:
+    """Whether a driving point moves enough in each mode for the sign and the phase of its constant to say something."""
+    size = resonance(fit, constants)
+    return size > HARDLY * size.max(initial=0.0)
 
 
 def driving_constants(problem: Problem, fit: Fit, residue: np.ndarray) -> np.ndarray:

@@ -22,7 +22,7 @@ from millcal.stages.modes.problem import Problem
 REMAINDER = (-2, 0, 2)  # powers of s: mass below the band, flexibility above it, and its rise towards the next mode
 ORDERS = tuple(range(2, 17))  # of the stabilisation chart
 SURE = 4  # orders that have a pole which is no accident
-LITTLE = 0.02  # share of a mode's amplitude that is left where a window begins to fall
+LITTLE = 0.01  # share of the squared residual
 COMPLEX_GAIN = 0.5  # share of the squared residual that complex modes may leave, to be taken
 AS_GOOD = 1.2  # times the squared residual of complex modes that a delay may leave, to be believed instead
 
@@ -45,6 +45,7 @@ class Seeds(NamedTuple):
 
     natural_frequency: np.ndarray  # (seed,) Hz
     damping_ratio: np.ndarray
+    sure: int  # the first ones, poles that several orders of the chart have
 
 
 def stabilisation_chart(problem: Problem) -> Poles:
@@ -60,22 +61,15 @@ def stabilisation_chart(problem: Problem) -> Poles:
     return search_poles(problem.frequency, np.nan_to_num(values), weight / max(weight.max(), 1e-300), orders)
 
 
-def for_the_search(problem: Problem, poles: Poles) -> tuple[int, bool]:
-    """What the search may do without, by the poles that several orders have.
-
-    returns every how many lines will do, so that two lie within half the width of the narrowest pole, and whether the
-    windows take away so little that it may be left to the last digits
-    """
+def thinning(problem: Problem, poles: Poles) -> int:
+    """Every how many lines will do for the search: two within half the width of the narrowest pole that several orders have."""
     frequency, damping, count = groups_of(poles)
     sure = count >= SURE
     if not sure.any():
-        return 1, False
-    half_widths = (frequency * damping)[sure]  # Hz
+        return 1
+    narrowest = float((frequency * damping)[sure].min())
     spacing = float(problem.frequency[1] - problem.frequency[0])
-    every = int(np.clip(half_widths.min() / (2 * spacing), 1, max(1, len(problem.lines) // 200)))
-    losses = [channels.loss for channels in problem.channels if channels.loss is not None]
-    left = [np.exp(-2 * np.pi * half_widths.min() * loss.reach.min() * loss.interval) for loss in losses]
-    return every, max(left, default=0.0) < LITTLE
+    return int(np.clip(narrowest / (2 * spacing), 1, max(1, len(problem.lines) // 200)))
 
 
 def search(
@@ -93,18 +87,22 @@ def search(
     powers : of the remainder   count, near, complex_modes, most : see `fit_modes`
     """
     seeds = seeds_of(poles, problem.frequency)
+    real, turning = Model(False, powers), Model(True, powers)
+    if _hardly_lost(problem, seeds, turning):
+        problem = problem.without_losses()
 
     def grown(problem: Problem, model: Model) -> tuple[Fit, bool]:
-        return grow(
-            problem.channels, problem.frequency, seeds, model,
-            count=count, most=most, start=near, possible=lambda fit: is_possible(problem, fit, model),
-        )  # fmt: skip
+        if count is None and not len(near):
+            return grow(
+                problem.channels, problem.frequency, seeds, model,
+                most=most, possible=lambda fit: is_possible(problem, fit, model),
+            )  # fmt: skip
+        return grow_as_told(problem.channels, problem.frequency, seeds, model, count=count, near=near), False
 
-    real, turning = Model(False, powers), Model(True, powers)
     if complex_modes:
         return Found(grown(problem, turning)[0], turning)
     fit, held_back = grown(problem, real)
-    if not len(fit.natural_frequency):
+    if not len(fit.natural_frequency) or fit.cost <= fit.rows:  # nothing left but noise
         return Found(fit, real)
     rival = fit_poles(problem.channels, fit.natural_frequency, fit.damping_ratio, turning, max_steps=3)
     if not held_back and not _asks_for(rival, fit):
@@ -127,12 +125,23 @@ def _asks_for(rival: Fit, fit: Fit) -> bool:
     return criterion(rival) < criterion(fit) and rival.cost < COMPLEX_GAIN * fit.cost
 
 
+def _hardly_lost(problem: Problem, seeds: Seeds, model: Model) -> bool:
+    """Whether what the windows took away changes nothing that the search could see, at the poles of the chart."""
+    if not seeds.sure:
+        return False
+    poles = seeds.natural_frequency[: seeds.sure], seeds.damping_ratio[: seeds.sure]
+    exact = fit_poles(problem.channels, *poles, model, max_steps=3)
+    poles = exact.natural_frequency, exact.damping_ratio
+    without = fit_poles(problem.without_losses().channels, *poles, model, max_steps=0)
+    return without.cost < (1 + LITTLE) * exact.cost
+
+
 def seeds_of(poles: Poles, frequency: np.ndarray) -> Seeds:
     """The groups of stable poles, and a grid for what they missed."""
-    f, z, _ = groups_of(poles)
+    f, z, count = groups_of(poles)
     grid = np.geomspace(max(frequency[0], 0.01 * frequency[-1]), frequency[-1], 60)
     grid_f, grid_z = (axis.ravel() for axis in np.meshgrid(grid, DAMPINGS))
-    return Seeds(np.concatenate([f, grid_f]), np.concatenate([z, grid_z]))
+    return Seeds(np.concatenate([f, grid_f]), np.concatenate([z, grid_z]), int(np.sum(count >= SURE)))
 
 
 def criterion(fit: Fit) -> float:
@@ -207,34 +216,25 @@ def grow(
     seeds: Seeds,
     model: Model,
     *,
-    count: int | None,
     most: int,
-    start: Sequence[float] = (),
     possible: Callable[[Fit], bool] = lambda fit: True,
 ) -> tuple[Fit, bool]:
-    """Add modes one by one.
+    """As many modes as the data bear: those of the chart, where they are possible together, then one after the other.
 
-    count : how many, whatever the criterion says; None lets it decide, up to `most`
-    start : frequencies in Hz that the user knows; each gets the best damping of a few
     possible : whether a fit can be a structure. With too few modes a good one may not look like it, so that growth goes on
         past what is impossible, but ends at the last fit that is not
     returns the fit, and whether the data would have borne more modes, were they possible
     """
     empty = np.zeros(0)
     fit = fit_poles(tests, empty, empty, model)
-    for fn in start:
-        fit = min(
-            (_with(tests, fit, model, float(fn), zeta) for zeta in DAMPINGS[1:]),
-            key=lambda tried: tried.cost,
-        )
-    if count is not None or len(start):
-        while len(fit.natural_frequency) < (count or 0):
-            fit = _with(tests, fit, model, *strongest(tests, fit, model, seeds, frequency))
-        return fit, False
+    if 0 < seeds.sure <= most:
+        charted = _refined(tests, seeds.natural_frequency[: seeds.sure], seeds.damping_ratio[: seeds.sure], model)
+        charted = _pruned(tests, charted, model)
+        fit = charted if possible(charted) else fit
     taken = fit
-    while len(fit.natural_frequency) < min(most, len(taken.natural_frequency) + PATIENCE):
+    while fit.cost > fit.rows and len(fit.natural_frequency) < min(most, len(taken.natural_frequency) + PATIENCE):
         tried = _with(tests, fit, model, *strongest(tests, fit, model, seeds, frequency))
-        if not (criterion(tried) < criterion(fit) and tried.cost < (1 - GAIN) * fit.cost):
+        if not _earns(tried, fit):
             break
         fit = tried
         if possible(fit):
@@ -242,14 +242,47 @@ def grow(
     return taken, taken is not fit
 
 
+def grow_as_told(
+    tests: Sequence[Channels],
+    frequency: np.ndarray,
+    seeds: Seeds,
+    model: Model,
+    *,
+    count: int | None,
+    near: Sequence[float],
+) -> Fit:
+    """Modes near the frequencies that the user knows, each with the best damping of a few, and as many as there shall be."""
+    empty = np.zeros(0)
+    fit = fit_poles(tests, empty, empty, model)
+    for fn in near:
+        fit = min((_with(tests, fit, model, float(fn), zeta) for zeta in DAMPINGS[1:]), key=lambda tried: tried.cost)
+    while len(fit.natural_frequency) < (count or 0):
+        fit = _with(tests, fit, model, *strongest(tests, fit, model, seeds, frequency))
+    return fit
+
+
+def _earns(fit: Fit, without: Fit) -> bool:
+    """Whether a mode more earns its unknowns."""
+    return criterion(fit) < criterion(without) and fit.cost < (1 - GAIN) * without.cost
+
+
+def _pruned(tests: Sequence[Channels], fit: Fit, model: Model) -> Fit:
+    """The fit without the modes that do not earn their unknowns."""
+    while len(fit.natural_frequency):
+        each = range(len(fit.natural_frequency))
+        rest = [(np.delete(fit.natural_frequency, k), np.delete(fit.damping_ratio, k)) for k in each]
+        without = min((fit_poles(tests, *poles, model, max_steps=0) for poles in rest), key=lambda tried: tried.cost)
+        if _earns(fit, without):
+            break
+        fit = _refined(tests, without.natural_frequency, without.damping_ratio, model)
+    return fit
+
+
 def _with(tests: Sequence[Channels], fit: Fit, model: Model, fn: float, zeta: float) -> Fit:
     """The fit with one mode more, all refined."""
-    return fit_poles(
-        tests,
-        np.append(fit.natural_frequency, fn),
-        np.append(fit.damping_ratio, zeta),
-        model,
-        tolerance=1e-3,
-        smallest_step=1e-3,
-        max_steps=20,
-    )
+    return _refined(tests, np.append(fit.natural_frequency, fn), np.append(fit.damping_ratio, zeta), model)
+
+
+def _refined(tests: Sequence[Channels], natural_frequency: np.ndarray, damping_ratio: np.ndarray, model: Model) -> Fit:
+    """A fit near enough to be compared with others."""
+    return fit_poles(tests, natural_frequency, damping_ratio, model, tolerance=1e-3, smallest_step=1e-3, max_steps=20)
