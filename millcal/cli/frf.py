@@ -46,6 +46,19 @@ def frf(
     resolution_hz: Annotated[
         float | None, typer.Option("--resolution-hz", min=0, help="Lines at most this far apart, by added zeros.")
     ] = None,
+    exponential: Annotated[
+        float | None,
+        typer.Option(
+            "--exponential", metavar="END", help="Exponential window with this value at the record's end: 0.05."
+        ),
+    ] = None,
+    delay: Annotated[
+        list[str] | None,
+        typer.Option("--delay", metavar="NAME=S", help="Channel or dof whose signal is late, and by how many s."),
+    ] = None,
+    flip: Annotated[
+        list[str] | None, typer.Option("--flip", metavar="NAME", help="Channel or dof to turn; a dof is a response's.")
+    ] = None,
     setup: Annotated[
         Path | None, typer.Option("--setup", help="Setup (TOML) that says what the columns of the files are.")
     ] = None,
@@ -92,6 +105,9 @@ def frf(
             hold_off=hold_off_s,
             record_length=record_length_s or None,
             resolution=resolution_hz or None,
+            exponential=exponential,
+            delays=_seconds(pairs(delay, "--delay")),
+            flip=flip or (),
             progress=lambda share, label: progress(0.5 + 0.5 * share, label),
         )
     keep_and_reply(
@@ -104,6 +120,19 @@ def frf(
         as_json=as_json,
         quiet=quiet,
     )
+
+
+def _seconds(stated: dict[str, str]) -> dict[str, float]:
+    """Delays as numbers."""
+    found = {}
+    for name, text in stated.items():
+        try:
+            found[name] = float(text)
+        except ValueError:
+            raise typer.BadParameter(
+                f"{name}={text!r} is no number of seconds; write {name}=12e-6", param_hint="--delay"
+            ) from None
+    return found
 
 
 def _with_responses(recording: Any, names: Iterable[str]) -> Any:

@@ -7,13 +7,14 @@ by 1 + N_ff/S_ff; its expectation is known from the samples before the pulse and
 References
 ----------
 .. [BendatPiersol2010] J. S. Bendat, A. G. Piersol, Random Data, 4th ed., Wiley 2010, chapters 6, 7 and 9.
+.. [DeGroatDowling1993] R. D. DeGroat, E. M. Dowling, The data least squares problem and channel equalization, IEEE
+   Transactions on Signal Processing 41 (1993) 407-411.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-
-from millcal.errors import IllPosedError
 
 
 class FrequencyResponse(NamedTuple):
@@ -26,38 +27,88 @@ class FrequencyResponse(NamedTuple):
     total: np.ndarray  # (frequency, output) response power
 
 
-def estimate(
-    force: np.ndarray,
-    response: np.ndarray,
-    force_noise: np.ndarray,
-    response_noise: np.ndarray,
-    *,
-    estimator: str = "h1",
-) -> FrequencyResponse:
-    """Frequency response of all outputs to all inputs.
+class CrossSpectra:
+    """Sums over hits of the products of their spectra: all that an estimate needs of them, in the room of one hit.
 
-    force : (hit, input, frequency) complex   response : (hit, output, frequency) complex
-    force_noise : (input,), response_noise : (output,) expected |noise|^2 of a line, summed over the hits
-    estimator : a key of `ESTIMATORS`
+    A hit is added when it is transformed, and taken off again when it turns out to be unlike the others. What is left then
+    has the rounding of the sum that it was taken from, 1e-16 of it. Frequency is the last axis here, as transforms have it.
     """
-    F = np.ascontiguousarray(force.transpose(2, 0, 1))  # (frequency, hit, input)
-    X = np.ascontiguousarray(response.transpose(2, 0, 1))  # (frequency, hit, output)
-    n, m = F.shape[1:]
-    FH = F.conj().transpose(0, 2, 1)
-    Sff, Sfx = FH @ F, FH @ X  # sums over the hits of conj(F) F, conj(F) X
-    Sxx = np.sum(X.real**2 + X.imag**2, axis=1)  # (frequency, output)
-    values = ESTIMATORS[estimator](Sff, Sfx, Sxx, force_noise, response_noise)
+
+    def __init__(self, inputs: int, outputs: int, lines: int) -> None:
+        self.hits = 0
+        self.Sff = np.zeros((inputs, inputs, lines), complex)  # conj(F_j) F_k
+        self.Sfx = np.zeros((inputs, outputs, lines), complex)  # conj(F_j) X_o
+        self.Sxx = np.zeros((outputs, lines))
+        self.force_noise = np.zeros(inputs)  # expected |noise|^2 of a line
+        self.response_noise = np.zeros(outputs)
+
+    def add(
+        self,
+        force: np.ndarray,
+        response: np.ndarray,
+        force_noise: np.ndarray,
+        response_noise: np.ndarray,
+        sign: int = 1,
+    ) -> None:
+        """One hit more, or with sign = -1 one less.
+
+        force : (input, frequency) complex   response : (output, frequency) complex
+        force_noise : (input,), response_noise : (output,) expected |noise|^2 of a line
+        """
+        self.hits += sign
+        for j, conjugate in enumerate(force.conj() * sign):
+            self.Sff[j] += conjugate * force
+            for own, spectrum in zip(self.Sfx[j], response, strict=True):  # row by row: nothing large in between
+                own += conjugate * spectrum
+        for power, spectrum in zip(self.Sxx, response, strict=True):
+            size = np.square(spectrum.real)
+            size += np.square(spectrum.imag)
+            power += sign * size
+        self.force_noise += sign * force_noise
+        self.response_noise += sign * response_noise
+
+
+def joined(parts: Sequence[tuple[CrossSpectra, Sequence[int], Sequence[int]]], inputs: int) -> CrossSpectra:
+    """Sums over several tests in common rows.
+
+    parts : sums of one test, the common input that each of its inputs is, and its outputs in the common order
+    """
+    first, _, rows = parts[0]
+    total = CrossSpectra(inputs, len(rows), first.Sxx.shape[-1])
+    for sums, columns, rows in parts:
+        total.hits += sums.hits
+        total.Sff[np.ix_(columns, columns)] += sums.Sff
+        total.Sfx[columns] += sums.Sfx[:, rows]
+        total.Sxx += sums.Sxx[rows]
+        total.force_noise[columns] += sums.force_noise
+        total.response_noise += sums.response_noise[rows]
+    return total
+
+
+def estimate(sums: CrossSpectra, *, estimator: str = "h1") -> FrequencyResponse:
+    """Frequency response of all outputs to all inputs.   estimator : a key of `ESTIMATORS`
+
+    The variance is that of the residual response times the inverse of S_ff [BendatPiersol2010]_ 9.2; with as many hits as
+    inputs nothing is left to tell it from, nor the coherence.
+    """
+    n, m = sums.hits, len(sums.Sff)
+    Sff = np.ascontiguousarray(sums.Sff.transpose(2, 0, 1))  # (frequency, input, input)
+    Sfx = sums.Sfx.transpose(2, 0, 1)  # (frequency, input, output)
+    Sxx = sums.Sxx.T  # (frequency, output)
+    values = ESTIMATORS[estimator](Sff, Sfx, Sxx, sums.force_noise, sums.response_noise)
 
     diagonal = np.einsum("fjj->fj", Sff).real
     inverse = inverse_of(Sff)
-    explained = np.einsum("fjo,fjk,fko->fo", Sfx.conj(), inverse, Sfx).real
+    crossed = np.abs(Sfx) ** 2
+    if m == 1:
+        explained = crossed[:, 0] * inverse[:, 0].real
+    else:
+        explained = np.einsum("fjo,fjk,fko->fo", Sfx.conj(), inverse, Sfx, optimize=True).real
     explained = np.clip(explained, 0.0, Sxx)
     if n > m:
-        # variance of the residual response, then of the estimate [BendatPiersol2010]_ 9.2
         scatter = (Sxx - explained) / (n - m)
         variance = scatter[:, :, None] * np.einsum("fjj->fj", inverse).real[:, None, :]
-        power = Sxx[:, :, None] * diagonal[:, None, :]
-        coherence = divide(np.abs(Sfx.transpose(0, 2, 1)) ** 2, power).clip(0.0, 1.0)
+        coherence = divide(crossed.transpose(0, 2, 1), Sxx[:, :, None] * diagonal[:, None, :]).clip(0.0, 1.0)
     else:
         variance = np.full(values.shape, np.nan)
         coherence = np.full(values.shape, np.nan)
@@ -83,25 +134,39 @@ def inverse_of(matrices: np.ndarray) -> np.ndarray:
     return inverse / (scale[:, :, None] * scale[:, None, :])
 
 
-def condition(force: np.ndarray) -> float:
-    """How well several inputs are told apart by the hits: median condition number of the scaled S_ff over the lines.
+def condition(Sff: np.ndarray) -> float:
+    """How well several inputs are told apart by the hits: median condition number of the scaled forces over the lines.
 
-    force : (hit, input, frequency) complex, lines with enough force only
+    Sff : (input, input, frequency) sums over the hits of conj(F_j) F_k, on lines with enough force only
     """
-    unit = force / np.maximum(np.linalg.norm(force, axis=0), 1e-300)
-    singular = np.linalg.svd(unit.transpose(2, 0, 1), compute_uv=False)
-    return float(np.median(singular[:, 0] / np.maximum(singular[:, -1], 1e-300)))
+    size = np.sqrt(np.maximum(np.einsum("jjf->jf", Sff).real, 1e-300))
+    squares = np.linalg.eigvalsh((Sff / (size[:, None] * size)).transpose(2, 0, 1))
+    return float(np.median(np.sqrt(squares[:, -1] / np.maximum(squares[:, 0], 1e-16))))
 
 
-def deviation(force: np.ndarray, response: np.ndarray) -> np.ndarray:
-    """How far the response of each hit is from that of the median frequency response: relative, over all given lines.
+def predicted(force: np.ndarray, response: np.ndarray) -> np.ndarray:
+    """What the other hits say that the response of each should be.
 
-    force : (hit, frequency)   response : (hit, output, frequency)   returns (hit,)
+    For one input by the median over the hits, real and imaginary part apart, which some odd hits do not move; for several
+    by least squares over the other hits, found from the residuals of all of them and their leverage.
+
+    force : (hit, input, frequency) complex   response : (hit, output, frequency) complex   returns as response
     """
-    H = response / force[:, None, :]
-    usual = np.median(H.real, axis=0) + 1j * np.median(H.imag, axis=0)
-    error = np.sum(np.abs(response - usual * force[:, None, :]) ** 2, axis=(1, 2))
-    return np.sqrt(error / np.maximum(np.sum(np.abs(response) ** 2, axis=(1, 2)), 1e-300))
+    if force.shape[1] == 1:
+        H = response / force
+        usual = np.median(H.real, axis=0) + 1j * np.median(H.imag, axis=0)
+        return usual * force
+    F, X = force.transpose(2, 0, 1), response.transpose(2, 0, 1)  # (frequency, hit, ...)
+    Q = np.linalg.qr(F)[0]
+    fitted = Q @ (Q.conj().transpose(0, 2, 1) @ X)
+    leverage = np.sum(np.abs(Q) ** 2, axis=2)[:, :, None]
+    return (X - (X - fitted) / np.maximum(1.0 - leverage, 1e-6)).transpose(1, 2, 0)
+
+
+def deviation(actual: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """How far each hit's response is from another, relative to its size.   both (hit, output, frequency), returns (hit,)"""
+    error = np.sum(np.abs(actual - expected) ** 2, axis=(1, 2))
+    return np.sqrt(error / np.maximum(np.sum(np.abs(actual) ** 2, axis=(1, 2)), 1e-300))
 
 
 def h1(Sff, Sfx, Sxx, force_noise, response_noise):
@@ -113,10 +178,26 @@ def h1(Sff, Sfx, Sxx, force_noise, response_noise):
 
 
 def h2(Sff, Sfx, Sxx, force_noise, response_noise):
-    """S_xx / S_xf, for one input: right where the noise is in the force alone. Not the choice for a hammer."""
-    if Sff.shape[-1] > 1:
-        raise IllPosedError("estimator h2: needs one force channel in a recording; use h1 or hv")
-    return divide(Sxx, Sfx[:, 0, :].conj())[:, :, None]
+    """Least squares with all noise in the force. Not the choice for a hammer, whose response has noise too.
+
+    For one input that is S_xx / S_xf. For several, of each output the smallest error of the forces that explains it (the
+    data least squares of [DeGroatDowling1993]_): with v the direction in which the part of S_ff that the response does not
+    explain is smallest, H = v S_xx / (S_fx^H v). The forces are scaled by their noise.
+    """
+    m, outputs = Sfx.shape[1:]
+    if m == 1:
+        return divide(Sxx, Sfx[:, 0, :].conj())[:, :, None]
+    p = np.sqrt(force_noise) if force_noise.min() > 0 else np.sqrt(np.einsum("fjj->fj", Sff).real.mean(axis=0))
+    scaled, crossed = Sff / (p[:, None] * p), Sfx / p[:, None]
+    H = np.empty((len(Sff), outputs, m), complex)
+    for o in range(outputs):
+        x = crossed[:, :, o]
+        unexplained = scaled - divide(
+            x[:, :, None] * x[:, None, :].conj(), np.maximum(Sxx[:, o], 1e-300)[:, None, None]
+        )
+        v = np.linalg.eigh(unexplained)[1][:, :, 0]
+        H[:, o] = divide(v * Sxx[:, o, None], np.sum(x.conj() * v, axis=1)[:, None]) / p
+    return H
 
 
 def hv(Sff, Sfx, Sxx, force_noise, response_noise):

@@ -1,13 +1,15 @@
-"""Hits in a record: where a pulse excites a structure, and whether the hit can be used.
+"""Hits in a record: where a pulse excites a structure, and what the stretch of samples about it holds.
 
 A hit is a short pulse in one or several force channels, followed by a decay in the response channels. What a hit is
-judged by is cheap and robust: quantiles for the noise, moving means for a second pulse, exact equality for a clipped top.
+judged by is cheap and robust: quantiles for the noise, moving means for a second pulse, means of pieces for the rest.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
+
+from millcal.numerics.resting_line import RestingLine, resting_line, resting_line_beside
 
 NORMAL = 1.349  # interquartile range of the unit normal distribution
 NORMAL_90 = 3.290  # its 5..95 % range
@@ -21,11 +23,12 @@ class Survey(NamedTuple):
     first: int  # as onset and stop, of all the pulses of the hit together
     last: int
     peak: float  # largest force, along the direction of the hit
+    crest: float  # peak times area over energy of the pulse: 4/pi of a half-sine at any length
     direction: np.ndarray  # (input,) unit vector of the hit in the force channels
     second: tuple[float, int] | None  # a second pulse: its share of the first, its distance in samples
-    force_mean: np.ndarray  # (input,) without the pulses
-    force_noise: np.ndarray  # (input,) standard deviation without the pulses
-    response_mean: np.ndarray  # (output,) before the hit
+    force_rest: RestingLine  # beside the pulses
+    force_noise: np.ndarray  # (input,) standard deviation beside the pulses
+    response_rest: RestingLine  # before the hit and, where that has come to rest, after it
     response_noise: np.ndarray  # (output,) standard deviation, of the quieter of head and tail
     head_noise: np.ndarray  # (output,) standard deviation just before the hit
     response_peak: np.ndarray  # (output,)
@@ -38,14 +41,20 @@ def noise_of(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     The quartiles give what the median absolute deviation gives; the 5..95 % range stands in where a coarse converter
     holds more than half of the samples on one count. Pulses may fill up to 5 % of the samples.
     """
-    q05, q25, q50, q75, q95 = np.percentile(samples, (5, 25, 50, 75, 95), axis=-1)
+    ordered = np.sort(samples, axis=-1)
+    place = np.array([0.05, 0.25, 0.5, 0.75, 0.95]) * (ordered.shape[-1] - 1)
+    low = place.astype(int)
+    below, above = ordered[..., low], ordered[..., np.minimum(low + 1, ordered.shape[-1] - 1)]
+    q05, q25, q50, q75, q95 = np.moveaxis(below + (place - low) * (above - below), -1, 0)
     return q50, np.maximum((q75 - q25) / NORMAL, (q95 - q05) / NORMAL_90)
 
 
 def moving_mean(samples: np.ndarray, width: int) -> np.ndarray:
-    """Mean of `width` successive samples; element i covers i..i+width.   samples : (n,)   returns (n - width + 1,)"""
-    total = np.concatenate([[0.0], np.cumsum(samples)])
-    return (total[width:] - total[:-width]) / width
+    """Mean of `width` successive samples; element i covers i..i+width.   samples : (..., n), returns (..., n - width + 1)"""
+    total = np.empty((*samples.shape[:-1], samples.shape[-1] + 1))
+    total[..., 0] = 0.0
+    np.cumsum(samples, axis=-1, out=total[..., 1:])
+    return (total[..., width:] - total[..., :-width]) / width
 
 
 def runs(flags: np.ndarray) -> np.ndarray:
@@ -55,7 +64,12 @@ def runs(flags: np.ndarray) -> np.ndarray:
 
 
 def find_hits(
-    blocks: Iterable[tuple[int, np.ndarray]], hold_off: int, *, sigmas: float = 10.0, share: float = 0.01
+    blocks: Iterable[tuple[int, np.ndarray]],
+    hold_off: int,
+    *,
+    sigmas: float = 10.0,
+    share: float = 0.01,
+    progress: Callable[[int], None] | None = None,
 ) -> list[tuple[int, int]]:
     """Hits in a continuous record, block by block: sample of the first and after the last excursion of each.
 
@@ -63,6 +77,7 @@ def find_hits(
     largest one; excursions less than `hold_off` samples apart are one hit, so that a bouncing hammer is not two hits.
 
     blocks : (index of the first sample, force channels (input, n)); any length, at best some seconds
+    progress : called with the number of samples searched so far
     """
     found, noises = [], []
     for start, force in blocks:
@@ -76,6 +91,8 @@ def find_hits(
             if tops is None:  # reduceat takes no index behind the last sample
                 tops = np.array([size[a:b].max() for a, b in above])
             found += [(start + int(a), start + int(b), float(top)) for (a, b), top in zip(above, tops, strict=True)]
+        if progress is not None:
+            progress(start + force.shape[1])
     if not found:
         return []
     level = max(sigmas * float(np.median(noises)), share * max(top for _, _, top in found))
@@ -115,7 +132,7 @@ def second_pulse(pulse: np.ndarray, start: int, stop: int, noise: float) -> tupl
     far = (index + length <= start - gap) | (index >= stop + gap)
     if far.sum() > 2 * length:
         chance = np.sqrt(2.0 * np.log(100.0 * len(means)))  # standard deviations that noise passes once in 1000 records
-        middle, scatter = noise_of(means[far][:: max(1, length // 8)])
+        middle, scatter = noise_of(means[far][:: max(1, length // 8, len(means) // 2048)])
         hit = far & (means - middle > max(chance * scatter, 0.03 * mean))
         if hit.any():
             at = int(np.argmax(np.where(hit, means, -np.inf)))
@@ -141,6 +158,20 @@ def second_pulse(pulse: np.ndarray, start: int, stop: int, noise: float) -> tupl
     return share, distance, max(0, first), min(len(pulse), last)
 
 
+def pulse_crest(pulse: np.ndarray, onset: int, stop: int) -> float:
+    """Peak times area over energy, of the curve through the samples: the shape of a pulse, whatever its length and size.
+
+    A half-sine has 4/pi, a rectangle 1: a top that is cut off lowers it. No width is in it, which noise beside the pulse
+    would spoil.   pulse : (n,), without its mean
+    """
+    low, high = max(0, onset - 3), min(len(pulse), stop + 3)
+    own = pulse[low:high]
+    ends = np.linspace(own[0], own[-1], len(own))
+    fine = np.fft.irfft(np.fft.rfft(own - ends), 8 * len(own)) * 8.0
+    energy = float(own @ own)
+    return float(fine.max()) * float(own.sum()) / energy if energy > 0.0 else 0.0
+
+
 def survey_hit(force: np.ndarray, response: np.ndarray, block: int, around: tuple[int, int] | None = None) -> Survey:
     """Look at one stretch of samples that holds one hit.
 
@@ -149,80 +180,47 @@ def survey_hit(force: np.ndarray, response: np.ndarray, block: int, around: tupl
     """
     n = force.shape[1]
     mean, noise = noise_of(force[:, :: max(1, min(8, n // 1024))])
-    size = np.linalg.norm(force - mean[:, None], axis=0)
+    free = force - mean[:, None]
+    size = np.abs(free[0]) if len(free) == 1 else np.linalg.norm(free, axis=0)
     low, high = around or (0, n)
     top = low + int(np.argmax(size[low:high]))
-    direction = (force[:, top] - mean) / max(size[top], 1e-300)
-    pulse = direction @ (force - mean[:, None])
-    peak = float(pulse[top])
+    direction = free[:, top] / max(size[top], 1e-300)
+    pulse = direction @ free
     scatter = float(np.linalg.norm(direction * noise))
-    level = max(3.0 * scatter, 0.02 * peak)
-    onset, stop = pulse_around(pulse, top, level)
+    onset, stop = pulse_around(pulse, top, max(3.0 * scatter, 0.02 * float(pulse[top])))
     second = second_pulse(pulse, onset, stop, scatter)
     first, last = (onset, stop) if second is None else second[2:]
     length = stop - onset
+    gap = (max(0, first - length - 16), min(n, last + length + 16))
+    force_rest, force_noise = resting_line_beside(force, gap, onset, np.abs(direction) * float(pulse[top]))
+    if not np.isfinite(force_noise).all():
+        force_rest, force_noise = force_rest._replace(value=mean), noise
 
-    outside = np.ones(n, bool)
-    outside[max(0, first - length - 16) : last + length + 16] = False
-    if outside.sum() >= 64:
-        force_mean, force_noise = force[:, outside].mean(axis=1), force[:, outside].std(axis=1)
-    else:
-        force_mean, force_noise = mean, noise
-
-    head = response[:, : max(0, first - 16)]
-    tail = response[:, n - max(64, (n - last) // 5) :]
-    tail_noise = tail.std(axis=1)
-    enough = head.shape[1] >= 64
-    response_mean = head.mean(axis=1) if enough else tail.mean(axis=1)
-    head_noise = head.std(axis=1) if enough else np.full(len(response), np.nan)
-    decay = response[:, onset:] - response_mean[:, None]
+    beside = max(64, (n - last) // 5)
+    response_peak = np.maximum(response[:, onset:].max(axis=1), -response[:, onset:].min(axis=1))
+    rest, head_noise, tail_noise = resting_line(response, max(0, first - 16), n - beside, onset, response_peak)
+    away = rest.over(onset, n)
+    decay = response[:, onset:] - away
     blocks = decay.shape[1] // block
-    power = np.mean(decay[:, : blocks * block].reshape(len(response), blocks, block) ** 2, axis=2)
+    if blocks:
+        whole = decay[:, : blocks * block].reshape(len(response), blocks, block)
+        power = np.einsum("obk,obk->ob", whole, whole) / block
+    else:
+        power = np.zeros((len(response), 0))
     return Survey(
         onset,
         stop,
         first,
         last,
-        peak,
+        float(pulse[top]),
+        pulse_crest(pulse, onset, stop),
         direction,
         None if second is None else second[:2],
-        force_mean,
+        force_rest,
         force_noise,
-        response_mean,
+        rest,
         np.fmin(head_noise, tail_noise),
         head_noise,
-        np.abs(decay).max(axis=1),
+        np.maximum(decay.max(axis=1), -decay.min(axis=1)),
         power,
     )
-
-
-def is_flat_topped(samples: np.ndarray, least: int = 3) -> bool:
-    """Whether a channel ends in a flat top: `least` equal extreme samples between steps no rounded peak would have.
-
-    A rounded peak too may stay some samples on one count of the converter, but then its neighbours are within two counts
-    (parabola); here more than four are asked for on both sides. Noise may put three to five samples on one count by
-    chance, so that so short a top must also stand clear of the noise.   samples : (n,)
-    """
-    for extreme in (samples.max(), samples.min()):
-        at_extreme = samples == extreme
-        if np.count_nonzero(at_extreme) < least:
-            continue
-        steps = np.abs(np.diff(samples))
-        if not steps.any():
-            return False
-        count = steps[steps > 0].min()
-        noise = np.percentile(steps[:: max(1, len(steps) // 1024)], 25) / 0.45  # |difference| of white noise
-        for a, b in runs(at_extreme):
-            if b - a < least or a == 0 or b == len(samples):
-                continue
-            drop = min(abs(extreme - samples[a - 1]), abs(extreme - samples[b]))
-            if drop > 4.0 * count and (b - a > 5 or drop > 5.0 * noise):
-                return True
-    return False
-
-
-def is_overloaded(samples: np.ndarray, full_scale: float | None) -> bool:
-    """Whether a channel reached its input range or, with or without a known range, has a flat top.   samples : (n,)"""
-    if full_scale is not None and max(samples.max(), -samples.min()) >= 0.999 * full_scale:
-        return True
-    return is_flat_topped(samples)

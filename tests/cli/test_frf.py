@@ -74,7 +74,7 @@ def test_json_carries_what_the_contract_promises(run, tmp_path):
     assert list(envelope["inputs"]) == [TAP.as_posix()]
     result = envelope["result"]
     assert {"hits", "outputs", "inputs", "frequency_hz", "coherence_median", "usable_band_hz"} <= set(result)
-    assert set(result["hits"][0]) == {"recording", "index", "onset_s", "peak_N", "accepted", "reasons"}
+    assert set(result["hits"][0]) == {"recording", "index", "onset_s", "peak_N", "accepted", "reasons", "remarks"}
     assert [hit["index"] for hit in result["hits"] if not hit["accepted"]] == [2, 5, 8, 10, 11]
     assert result["coherence_median"] > 0.99
     assert result["inputs"] == ["tipX"]

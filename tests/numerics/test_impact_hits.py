@@ -5,10 +5,9 @@ import pytest
 
 from millcal.numerics.impact_hits import (
     find_hits,
-    is_flat_topped,
-    is_overloaded,
     moving_mean,
     noise_of,
+    pulse_crest,
     runs,
     second_pulse,
     survey_hit,
@@ -117,23 +116,6 @@ def test_a_single_pulse_with_the_ringing_of_a_filter_is_no_double():
     assert second_pulse(pulse, 2000, 2008, 0.001) is None
 
 
-def test_a_flat_top_is_found_and_a_rounded_peak_on_few_counts_is_not():
-    rng = np.random.default_rng(14)
-    pulse = np.round(1000 * half_sine(400, 100, 60) + rng.standard_normal(400))  # counts of a converter
-    assert not is_flat_topped(pulse)
-    assert is_flat_topped(np.minimum(pulse, 850))
-    assert not is_flat_topped(np.round(8 * half_sine(400, 100, 200)))  # many equal samples on the top count
-    assert not is_flat_topped(np.zeros(100))
-    assert is_flat_topped(-np.minimum(pulse, 850))
-
-
-def test_a_known_input_range_shows_overload_of_either_sign():
-    pulse = 100 * half_sine(400, 100, 60) + 0.01 * np.random.default_rng(12).standard_normal(400)
-    assert not is_overloaded(pulse, 101.0)
-    assert is_overloaded(pulse, 100.0)
-    assert is_overloaded(-pulse, 100.0)
-
-
 def test_the_survey_of_a_hit_reads_what_was_put_in():
     rng = np.random.default_rng(13)
     t = np.arange(8192 - 210) / 25600.0
@@ -145,7 +127,26 @@ def test_the_survey_of_a_hit_reads_what_was_put_in():
     assert (found.first, found.last) == (found.onset, found.stop)
     assert found.peak == pytest.approx(500, rel=0.01)
     assert found.second is None
-    assert found.force_mean[0] == pytest.approx(2.0, abs=0.01)
+    assert found.force_rest.value[0] == pytest.approx(2.0, abs=0.01)
     assert found.force_noise[0] == pytest.approx(0.1, rel=0.05)
-    assert found.response_mean[0] == pytest.approx(0.5, abs=0.01)
+    assert found.response_rest.value[0] == pytest.approx(0.5, abs=0.01)
     assert found.response_noise[0] == pytest.approx(0.01, rel=0.2)
+
+
+@pytest.mark.parametrize("length", [6.3, 20.0, 71.6])
+@pytest.mark.parametrize("place", [0.0, 0.4])
+def test_the_crest_of_a_half_sine_is_4_over_pi_at_any_length_size_and_place_and_less_where_it_is_cut(length, place):
+    """Peak P, area 2 P d / pi, energy P^2 d / 2."""
+    t = np.arange(200) - 60.0 - place
+    pulse = 700.0 * np.where((t >= 0) & (t <= length), np.sin(np.pi * t / length), 0.0)
+    onset, stop = 60, 62 + int(length)
+    assert pulse_crest(pulse, onset, stop) == pytest.approx(4 / np.pi, rel=0.02)
+    assert pulse_crest(np.minimum(pulse, 0.85 * 700.0), onset, stop) == pytest.approx(1.172, rel=0.02)
+
+
+def test_noise_of_is_the_quantiles_of_the_samples():
+    x = np.random.default_rng(15).standard_normal((3, 777))
+    q05, q25, q50, q75, q95 = np.percentile(x, (5, 25, 50, 75, 95), axis=1)
+    mean, noise = noise_of(x)
+    assert mean == pytest.approx(q50)
+    assert noise == pytest.approx(np.maximum((q75 - q25) / 1.349, (q95 - q05) / 3.290))

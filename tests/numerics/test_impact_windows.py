@@ -55,7 +55,7 @@ def test_windows_drop_offset_and_most_of_the_noise_and_keep_pulse_and_decay():
     force, response = make_hit(rng)
     clean_force, clean_response = make_hit(rng, noise=0.0, offset=(0.0, 0.0))
     survey = survey_hit(force, response, 26)
-    gated = gate_hit(force, response, np.ones(8192, bool), survey, decay_lengths([survey], 26), 0)
+    gated = gate_hit(force, response, (0, 8192), survey, decay_lengths([survey], 26), 0)
     assert np.linalg.norm(gated.force - clean_force) < 0.2 * np.linalg.norm(force - 2.0 - clean_force)
     assert np.linalg.norm(gated.response - clean_response) < 0.7 * np.linalg.norm(response - 0.5 - clean_response)
     assert gated.force_noise[0] < 0.05 * 8192 * survey.force_noise[0] ** 2
@@ -65,7 +65,7 @@ def test_windows_drop_offset_and_most_of_the_noise_and_keep_pulse_and_decay():
 def test_quiet_signals_are_left_as_they_are():
     force, response = make_hit(np.random.default_rng(2), noise=0.0, offset=(0.0, 0.0))
     survey = survey_hit(force, response, 26)
-    gated = gate_hit(force, response, np.ones(8192, bool), survey, decay_lengths([survey], 26), 0)
+    gated = gate_hit(force, response, (0, 8192), survey, decay_lengths([survey], 26), 0)
     assert gated.force == pytest.approx(force)
     assert gated.response == pytest.approx(response)
     assert gated.force_noise[0] == 0
@@ -75,8 +75,7 @@ def test_samples_that_belong_to_the_next_hit_are_zero():
     rng = np.random.default_rng(3)
     force, response = make_hit(rng)
     survey = survey_hit(force, response, 26)
-    valid = np.arange(8192) < 1500
-    gated = gate_hit(force, response, valid, survey, decay_lengths([survey], 26), 0)
+    gated = gate_hit(force, response, (0, 1500), survey, decay_lengths([survey], 26), 0)
     assert (gated.force[:, 1500:] == 0).all()
     assert (gated.response[:, 1500:] == 0).all()
     assert abs(gated.response[0, 1499]) < 0.1 * abs(response[0, 1300:1500]).max()
