@@ -122,8 +122,8 @@ def low_frequency_drift(frf: Frf, where: str) -> list[Notice]:
     if not any(ends):
         return []
     message = (
-        f"below {max(ends):.0f} Hz the receptance grows towards 0 Hz beyond every resonance, as by drift or noise of a sensor; leave "
-        f"these lines out with 'millcal export --band {max(ends):.0f} {frf.usable_band[1]:.0f}'"
+        f"below {max(ends):.0f} Hz the receptance grows towards 0 Hz beyond every resonance, as by drift or noise of a sensor; "
+        f"leave these lines out with 'millcal export --band {max(ends):.0f} {frf.usable_band[1]:.0f}'"
     )
     return [Notice("low-frequency-drift", message, where)]
 

@@ -123,10 +123,10 @@ class StabilityTable(Table):
     renamed: ClassVar = {"rpm": "spindle_speed", "spindle_speed_rpm": "operating_speed"}
     not_arguments: ClassVar = frozenset({"dynamics"})
     method: Literal["zoa"] = Field("zoa", description="zoa: zero-order approximation")
-    dynamics: Literal["frf", "modes"] | None = Field(
+    dynamics: Literal["frf", "corrected", "modes"] | None = Field(
         None,
-        description="what the map stands on: the FRF, or the modes fitted to it; when absent the FRF, unless a window or "
-        "the record's end has bent it",
+        description="what the map stands on: frf as measured, corrected for what windows and the records' ends took "
+        "away, or the modes fitted to it; when absent the FRF, and one of the others where it is bent",
     )
     rpm: Span = Field(description="[lowest, highest] spindle speed of the map, rpm")
     points: int = Field(400, ge=2, description="number of speeds of the map")

@@ -272,9 +272,10 @@ def _check_stability(document: Document, tables: RecipeTables) -> None:
         document.refuse(("stability",), "no [cutter] for the map; add one")
     if tables.impact is not None and tables.structure is not None:
         document.refuse(("structure",), "dynamics are given twice; keep [structure] or [impact]")
-    if tables.stability.dynamics == "frf" and tables.impact is None:
+    dynamics = tables.stability.dynamics
+    if dynamics in ("frf", "corrected") and tables.impact is None:
         document.refuse(("stability", "dynamics"), "no [impact] to take an FRF from; add one, or leave the key out")
-    if tables.stability.dynamics == "modes" and tables.impact is not None and not tables.modes.fit:
+    if dynamics in ("modes", "corrected") and tables.impact is not None and not tables.modes.fit:
         document.refuse(("stability", "dynamics"), '[modes] says that none are fitted; let it, or write "frf"')
     diameter, radial = tables.cutter.diameter_mm, tables.stability.radial_depth_mm
     if radial is not None and radial > diameter * (1 + 1e-9):

@@ -669,7 +669,7 @@ def test_a_whole_matrix_is_renamed_and_turned(tmp_path, name):
 
 @pytest.mark.parametrize("form", ["receptance", "mobility", "accelerance"])
 def test_a_driving_point_that_gives_power_is_told_with_its_cause(tmp_path, form):
-    frf = plain(form)
+    frf = plain(form=form)
     one = frf.values * [[[1, 1], [-1, -1]]]
     for name, values in {
         "right": frf.values, "turned": -frf.values, "conjugated": frf.values.conj(), "both": -frf.values.conj(), "one": one,
