@@ -6,6 +6,7 @@ parse, call, print. No mathematics and no file formats here.
 """
 
 import importlib
+import os
 import sys
 from typing import Annotated, Any
 
@@ -32,6 +33,10 @@ COMMANDS = {
 
 
 INTERRUPTED = 130
+
+# The matrices here are small and many: threads cost more than they bring (a modal fit takes a third of the time with one),
+# and with one the sums have one order, so that the number of cores is not in the result. Who sets these is obeyed.
+THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 
 
 class _LazyGroup(TyperGroup):
@@ -90,6 +95,8 @@ def millcal(
 
 def main(arguments: list[str] | None = None) -> None:
     """Run one command; every failure is one line on stderr and an exit code of the contract."""
+    for name in THREADS:  # before numpy is imported
+        os.environ.setdefault(name, "1")
     try:
         code = app(arguments, prog_name="millcal", standalone_mode=False)
     except UsageError as problem:
