@@ -35,12 +35,11 @@ def export(
         list[str] | None,
         typer.Option("--hammer", metavar="DOF", help="Dof of the hammer, of each file or of all: tipX."),
     ] = None,
-    stated_form: Annotated[
-        Literal["accelerance", "mobility", "receptance", "transmissibility"] | None,
-        typer.Option("--stated-form", help="What the files hold, where they do not say it or are wrong."),
-    ] = None,
-    stated_unit: Annotated[
-        str | None, typer.Option("--stated-unit", metavar="UNIT", help="Unit of the files' numbers: g/N, m/s^2/N, m/N.")
+    unit: Annotated[
+        str | None,
+        typer.Option(
+            "--unit", metavar="UNIT", help="Unit of the files' numbers, which tells their form: g/N, m/s^2/N, m/N."
+        ),
     ] = None,
     conjugate: Annotated[
         bool, typer.Option("--conjugate", help="The files have the other sign of the imaginary part.")
@@ -64,8 +63,7 @@ def export(
 
     frf = read_frf(
         files,
-        form=stated_form,
-        unit=stated_unit,
+        unit=unit,
         outputs=response,
         inputs=hammer,
         conjugate=conjugate,

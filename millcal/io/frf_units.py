@@ -62,12 +62,12 @@ def stated_unit(form: str | None, unit: str | None) -> tuple[str | None, float |
     raises RecordingError for an unknown form or unit, and where the two contradict each other
     """
     if form is not None and form not in FORMS:
-        raise RecordingError(f"--stated-form {form}: not known; use one of {', '.join(FORMS)}")
+        raise RecordingError(f"form {form}: not known; use one of {', '.join(FORMS)}")
     if unit is None:
         return form, None
     known = frf_unit(unit)
     if known is None:
-        raise RecordingError(f"--stated-unit {unit}: no unit of an FRF; write g/N, m/s^2/N, m/N or the like")
+        raise RecordingError(f"--unit {unit}: no unit of an FRF; write g/N, m/s^2/N, m/N or the like")
     if form not in (None, known[0]):
-        raise RecordingError(f"--stated-unit {unit}: the unit of {known[0]}, not of {form}; state one of them")
+        raise RecordingError(f"--unit {unit}: the unit of {known[0]}, not of {form}; state one of them")
     return known

@@ -90,7 +90,7 @@ def test_what_the_file_does_not_say_is_stated(run, tmp_path):
     code, _, err = run("export", tmp_path / "a.csv", *dofs, "-o", tmp_path / "a.uff")
     assert code == 3
     assert "neither unit nor form of the FRF is said" in err
-    code, _, err = run("export", tmp_path / "a.csv", *dofs, "--stated-unit", "g/N", "-o", tmp_path / "a.uff")
+    code, _, err = run("export", tmp_path / "a.csv", *dofs, "--unit", "g/N", "-o", tmp_path / "a.uff")
     assert code == 0
     assert "[no-driving-point]" in err
     read = read_frf(tmp_path / "a.uff")
@@ -113,8 +113,7 @@ def test_a_phase_of_the_other_sign_is_found_and_mended(run, frf, tmp_path):
     [
         (["-o", "a.xlsx"], 3, "no format has the suffix"),
         (["-o", "b.csv", "--binary"], 3, "only a universal file can be binary"),
-        (["-o", "b.csv", "--stated-unit", "furlong/N"], 3, "no unit of an FRF"),
-        (["-o", "b.csv", "--stated-unit", "g/N", "--stated-form", "receptance"], 3, "the unit of accelerance, not of"),
+        (["-o", "b.csv", "--unit", "furlong/N"], 3, "no unit of an FRF"),
         (["-o", "b.csv", "--form", "inertance"], 2, "inertance"),
         (["-o", "b.csv", "--band", "3000", "4000"], 3, "no part of the lines from 0 to 2000 Hz"),
         ([], 2, "--output"),

@@ -331,6 +331,20 @@ def test_a_stated_form_wins_and_is_told(tmp_path):
     assert "form-overruled" in codes(read)
 
 
+@pytest.mark.parametrize(
+    ("stated", "said"),
+    [
+        ({"form": "inertance"}, "form inertance: not known; use one of receptance, mobility"),
+        ({"unit": "furlong/N"}, "--unit furlong/N: no unit of an FRF"),
+        ({"form": "receptance", "unit": "g/N"}, "the unit of accelerance, not of receptance"),
+    ],
+)
+def test_what_is_stated_must_make_sense(tmp_path, stated, said):
+    write_frf(tmp_path / "a.csv", plain())
+    with pytest.raises(RecordingError, match=said):
+        read_frf(tmp_path / "a.csv", **stated)
+
+
 def test_units_of_an_frf_in_every_spelling():
     same_unit = ["m/s^2/N", "(m/s^2)/N", "m/(N s^2)", "m/(N·s²)", "m/s²/N", "[m/s2/N]", "m/s/s/N", "1/kg", "m s^-2/N"]
     assert {frf_unit(text) for text in same_unit} == {("accelerance", 1.0)}

@@ -86,11 +86,11 @@ def _unit(
             notices.append(Notice("form-overruled", f"{form} as stated, though the file says {own}", str(path)))
         return form, next((k for f, k in named if f == form), 1.0) if factor is None else factor
     if len(named) > 1:
-        problems.append(f"several units in its words, {' '.join(cells)[:60]!r}; state one with --stated-unit m/N")
+        problems.append(f"several units in its words, {' '.join(cells)[:60]!r}; state one with --unit m/N")
         return None, 1.0
     if named:
         return named[0]
-    message = "the file says no unit; m/N is taken, as CutPro writes it (--stated-unit for another)"
+    message = "the file says no unit; m/N is taken, as CutPro writes it (--unit for another)"
     notices.append(Notice("unit-assumed", message, str(path), "note"))
     return "receptance", 1.0
 

@@ -234,7 +234,7 @@ def _values(
     unit, own = unit or said.get("unit"), said.get("form")
     if unit is None and own is None and path.suffix.lower() == ".frf":
         unit = "m/N"
-        message = "the file says no unit; m/N is taken, as CutPro writes it (--stated-unit for another)"
+        message = "the file says no unit; m/N is taken, as CutPro writes it (--unit for another)"
         notices.append(Notice("unit-assumed", message, str(path), "note"))
     form, factor = _form(label, unit, own, stated, problems)
     if stated[0] is not None and own not in (None, form):
@@ -251,7 +251,7 @@ def _form(
         factor = stated[1] if stated[1] is not None else known[1] if known and known[0] == stated[0] else 1.0
         return stated[0], factor
     if unit and known is None:
-        problems.append(f"the unit {unit!r} is not known; state it with --stated-unit g/N or the like")
+        problems.append(f"the unit {unit!r} is not known; state it with --unit g/N or the like")
         return None, 1.0
     forms = {form for form in (known and known[0], said if said in FORMS else None) if form}
     if not forms and (word := form_of_words(label)):
@@ -259,11 +259,11 @@ def _form(
     if len(forms) == 1:
         return forms.pop(), 1.0 if known is None else known[1]
     if forms:
-        problems.append(f"the file says {' and '.join(sorted(forms))}; state one with --stated-form")
+        problems.append(f"the file says {' and '.join(sorted(forms))}; state the unit with --unit g/N or the like")
     else:
         problems.append(
             "neither unit nor form of the FRF is said; write the unit behind the names, as in 're [m/N]', or state it with "
-            "--stated-unit m/N"
+            "--unit m/N"
         )
     return None, 1.0
 

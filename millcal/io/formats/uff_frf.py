@@ -29,7 +29,7 @@ FRF, TRANSMISSIBILITY, COHERENCE, MULTIPLE_COHERENCE = 4, 5, 6, 26
 OURS = "millcal "  # begins the free lines of a record that we wrote
 _FREQUENCY_AXIS, _TIME_AXIS = 18, 17
 _HERTZ = {"": 1.0, "hz": 1.0, "1/s": 1.0, "khz": 1e3, "rad/s": 1 / (2 * np.pi), "cpm": 1 / 60, "rpm": 1 / 60}
-_STATE = "state it with --stated-form (accelerance, mobility, receptance)"
+_STATE = "state the unit of its numbers with --unit g/N, m/s^2/N, m/N or the like"
 
 
 def holds_frf(found: Universal) -> bool:
@@ -163,7 +163,7 @@ def _form_and_factor(
         return None, 1.0
     if not forms:
         kind = f"data type {record.numerator.kind}, unit {record.numerator.unit or 'none'!r}"
-        problems.append(f"record {record.number} does not say what it measures ({kind}); {_STATE}, or --stated-unit")
+        problems.append(f"record {record.number} does not say what it measures ({kind}); {_STATE}")
         return None, 1.0
     own = forms.pop()
     return own, _factor(record, own, problems, notices)
@@ -214,14 +214,14 @@ def _axis_factor(record: Function, axis: Axis, dimension: str, problems: list[st
                 notices.append(Notice("units-disagree", message, str(record.path)))
         return factor
     if axis.unit and re.search(r"[A-Za-z]", axis.unit):
-        problems.append(
-            f"record {record.number} is in {axis.unit!r}, which is not known; state the unit with --stated-unit g/N or the like"
-        )
+        problems.append(f"record {record.number} is in {axis.unit!r}, which is not known; {_STATE}")
         return 1.0
     if record.units is not None:
         return 1 / (record.units.force if dimension == "force" else record.units.length)
     si = "N" if dimension == "force" else "m, m/s or m/s^2"
-    message = f"neither the record nor the file says the unit of its {dimension}; {si} is taken, state another with --stated-unit"
+    message = (
+        f"neither the record nor the file says the unit of its {dimension}; {si} is taken, state another with --unit"
+    )
     notices.append(Notice("unit-assumed", message, str(record.path)))
     return 1.0
 

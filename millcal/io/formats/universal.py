@@ -174,7 +174,7 @@ def read_universal(path: Path) -> Universal:
                 if current.contradicts_itself:
                     message = (
                         f"the units of the file contradict each other: code {current.code} and factors {current.length:g}, "
-                        f"{current.force:g}; the code is taken, state another unit with --stated-unit"
+                        f"{current.force:g}; the code is taken, state another with --unit"
                     )
                     notices.append(Notice("units-contradict", message, str(path)))
             elif number == 151:
