@@ -32,8 +32,9 @@ from millcal.report.page import render
 from millcal.stages.coefficients import fit_coefficients
 from millcal.stages.conditioning import condition_cut
 from millcal.stages.frf import estimate_frf
-from millcal.stages.modes import fit_modes
+from millcal.stages.modes import corrected_frf, fit_modes
 from millcal.stages.stability import map_stability
+from millcal.stages.stability_dynamics import advise
 
 Progress = Callable[[float, str], None]  # share done in 0..1, what is being done
 
@@ -192,19 +193,17 @@ def _modes(recipe: Recipe, results: dict[str, Any], progress: Progress, notices:
 def _dynamics(recipe: Recipe, results: Mapping[str, Any], notices: list[Notice]) -> Frf | Modes | None:
     """What the map stands on: as the recipe says, else the FRF where nothing has bent it."""
     frf, modes, wanted = results.get("frf"), results.get("modes"), recipe.stability.dynamics
-    if wanted == "modes" or frf is None:
+    if frf is None or wanted == "modes":
         return modes
-    if wanted == "frf" or modes is None:
-        return frf
-    if frf.damping_shift:
-        why = "an exponential window added damping to the FRF"
-    elif any(notice.code == "truncated" for notice in frf.notices):
-        why = "the record of the FRF ended before the structure came to rest"
-    else:
-        return frf
-    what = f"the map stands on the modes, because {why}; stability.dynamics chooses"
-    notices.append(Notice("map-from-modes", what, recipe.where("stability"), "note"))
-    return modes
+    if wanted is None and modes is not None:
+        wanted, why = advise(frf, modes)
+        if why:
+            name = {"modes": "its modes", "corrected": "the FRF without that"}[wanted]
+            what = f"{why}: the map stands on {name}; stability.dynamics chooses"
+            notices.append(Notice(f"map-from-{wanted}", what, recipe.where("stability"), "note"))
+    if wanted == "corrected":
+        return None if modes is None else corrected_frf(frf, modes)
+    return modes if wanted == "modes" else frf
 
 
 def _note(recording: Recording, path: Path, recordings: list, notices: list[Notice]) -> None:

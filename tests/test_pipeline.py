@@ -157,10 +157,11 @@ def with_dynamics(recipe_text, dynamics):
 def test_the_map_stands_on_the_frf_or_on_the_modes_as_the_recipe_says(whole, small_recipe, recipe_text, tmp_path):
     """With noise of a thousandth both say the same; the band of the modes is their own."""
     maps = {}
-    for dynamics in ("frf", "modes"):
+    for dynamics in ("frf", "corrected", "modes"):
         recipe = read_recipe(small_recipe(with_dynamics(recipe_text, dynamics)))
         maps[dynamics] = pipeline.run(recipe, tmp_path / dynamics).results["stability"]
     assert maps["modes"].limit_depth == pytest.approx(maps["frf"].limit_depth, rel=0.02)
+    assert maps["corrected"].limit_depth == pytest.approx(maps["frf"].limit_depth, rel=0.01)
     assert (maps["modes"].limit_depth != maps["frf"].limit_depth).any()
     assert maps["modes"].absolute_minimum == pytest.approx(whole[1].results["stability"].absolute_minimum, rel=0.02)
     assert maps["modes"].limit_low is not None

@@ -3,13 +3,15 @@
 Any form becomes receptance and lines outside the usable band are left out.
 """
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from millcal.data import Frf, Notice
 from millcal.errors import IllPosedError
 from millcal.physics import structure
 from millcal.physics.stability import zero_order
-from millcal.physics.stability.zero_order import Limit
+from millcal.physics.stability.zero_order import Limit, joined
 from millcal.stages.stability_tip import (
     FEWEST_LINES,
     Lines,
@@ -20,6 +22,8 @@ from millcal.stages.stability_tip import (
     lowest_known,
     missing_axes,
 )
+
+COARSE = 0.005  # share of the resonance by which the curve between lines may be off before it is told
 
 
 def tip_of_lines(frf: Frf, teeth: int, rigid: str) -> Tip:
@@ -43,6 +47,7 @@ def tip_of_lines(frf: Frf, teeth: int, rigid: str) -> Tip:
             "harder tip or more hits"
         )
     notices += [*lines.notices, *absorbs_power(lines, places, "frf", point)]
+    notices += _too_coarse(lines, places, point)
     tip = zero_order.dynamics_of_lines(lines.frequency, lines.values)
     spacing = float(np.median(np.diff(lines.frequency)))
     above = tip_receptance(frf, (lines.frequency[0], np.inf))
@@ -77,6 +82,29 @@ def _of_the_record(frf: Frf, where: str) -> list[Notice]:
         what = "the record ended before the structure came to rest, which bends the lines about its resonances; "
         return [Notice("truncated", what + "modes are fitted without that (millcal modes, stability.dynamics)", where)]
     return []
+
+
+def _too_coarse(lines: Lines, axes: Iterable[str], point: str) -> list[Notice]:
+    """Whether a curve through every other line misses the lines between, so that one through all is off by a sixteenth of it."""
+    notices = []
+    for axis in sorted(axes):
+        i = "xy".index(axis)
+        value = lines.values[:, i, i]
+        if lines.count < 3 * FEWEST_LINES:
+            continue
+        missed = np.abs(joined(lines.frequency[::2], value[::2])(lines.frequency[1:-1:2]) - value[1:-1:2])
+        size = np.abs(value[1:-1:2])
+        high = size > 0.5 * size.max()
+        noise = 0.0 if lines.variance is None else np.sqrt(np.median(lines.variance[1:-1:2, i, i][high]))
+        worst = float(missed[high].max())
+        if worst > 4 * noise and worst / 16 > COARSE * size.max():
+            at, dof = lines.frequency[1:-1:2][high][np.argmax(missed[high])], f"{point}{axis.upper()}"
+            what = (
+                f"about {at:.0f} Hz the lines are so far apart that a curve between them is off by some "
+                f"{worst / 16 / size.max():.1%}; estimate the FRF with lines closer together (resolution_hz), or map its modes"
+            )
+            notices.append(Notice("coarse-lines", what, f"frf {dof}/{dof}"))
+    return notices
 
 
 def tip_receptance(frf: Frf, band: tuple[float, float]) -> Lines:

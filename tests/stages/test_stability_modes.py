@@ -1,5 +1,6 @@
 """The stability map of fitted modes: the same limit as by hand or by lines, and a band that holds what the fit left open."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from millcal.errors import IllPosedError
 from millcal.physics.stability.zero_order import limit_of_one_mode, mean_cutting_matrix, minimum_of_one_mode
 from millcal.physics.structure import Mode, convert_frf, modal_receptance
 from millcal.stages.stability import map_stability
+from millcal.stages.stability_dynamics import advise
 from millcal.stages.stability_modes import BEYOND
 
 RPM = 2 * np.pi / 60
@@ -290,3 +292,41 @@ def test_an_frf_with_an_exponential_window_is_refused_and_a_truncated_one_is_tol
     cut_off = replace(frf, notices=(Notice("truncated", "still 20 %", "tap.h5"),))
     assert "truncated" in codes(map_stability(cut_off, (KTC, KRC), **CUT, points=10))
     assert "truncated" not in codes(map_stability(frf, (KTC, KRC), **CUT, points=10))
+
+
+def test_an_frf_that_nothing_has_bent_is_mapped_as_it_is():
+    modes = fitted()
+    assert advise(lines_of(modes), modes) == ("frf", "")
+    assert advise(lines_of(modes), BY_HAND) == ("frf", "")
+
+
+def test_what_the_records_ends_took_away_decides_between_the_corrected_frf_and_its_modes():
+    """Against the noise whether anything has to be done, against what the fit leaves what."""
+    modes, rng = fitted(), np.random.default_rng(0)
+    size = np.abs(modes.fit.measured)
+    frf = replace(
+        lines_of(modes), variance=np.full((len(LINES), 2, 2), (1e-4 * size.max() / (2 * np.pi * 1000) ** 2) ** 2)
+    )
+    lost = 1e-2 * size * np.exp(2j * np.pi * rng.random(size.shape))
+    for left, advised in ((1e-3, "modes"), (1e-1, "corrected")):
+        misfit = left * size * np.exp(2j * np.pi * rng.random(size.shape))
+        fit = replace(modes.fit, modelled=modes.fit.synthesised - lost, measured=modes.fit.synthesised - lost + misfit)
+        advice = advise(frf, replace(modes, fit=fit))
+        assert advice.dynamics == advised
+        assert "before the structure came to rest" in advice.why
+    hidden = replace(modes.fit, modelled=modes.fit.synthesised - 1e-6 * lost)
+    assert advise(frf, replace(modes, fit=hidden)).dynamics == "frf"
+    assert "exponential window" in advise(replace(frf, damping_shift=20.0), modes).why
+
+
+def test_lines_too_far_apart_for_a_curve_are_told_with_the_error_and_the_modes_are_advised():
+    modes = fitted()
+    fine = lines_of(modes)
+    every = slice(9, None, 20)  # 20 Hz: 2.5 lines in the width of the mode at 1449 Hz
+    coarse = replace(fine, frequency=fine.frequency[every], values=fine.values[every])
+    assert advise(coarse, modes).dynamics == "modes"
+    exact, found = (map_stability(frf, (KTC, KRC), **CUT, points=200) for frf in (fine, coarse))
+    assert "coarse-lines" not in codes(exact)
+    (told,) = (n.message for n in found.notices if n.code == "coarse-lines" and n.where.endswith("tipX"))
+    share = float(re.search(r"off by some ([\d.]+)%", told).group(1)) / 100
+    assert share / 3 < abs(found.absolute_minimum / exact.absolute_minimum - 1) < 3 * share

@@ -133,12 +133,17 @@ def dynamics_of_lines(frequency: np.ndarray, values: np.ndarray, *, per_line: in
 
     frequency : (frequency,) Hz, ascending, > 0   values : complex (frequency, 2, 2) m/N   per_line : cells between two lines
     """
-    from scipy.interpolate import CubicSpline
-
-    spline = CubicSpline(frequency, values)
+    spline = joined(frequency, values)
     steps = np.arange(per_line) / per_line
     grid = np.append((frequency[:-1, None] + np.diff(frequency)[:, None] * steps).ravel(), frequency[-1])
     return Dynamics(spline, grid, spline(grid))
+
+
+def joined(frequency: np.ndarray, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """The curve between lines: a cubic spline of complex values.   frequency : (frequency,) Hz   values : (frequency, ...)"""
+    from scipy.interpolate import CubicSpline
+
+    return CubicSpline(frequency, values)
 
 
 def limit_of_one_mode(spindle_speed: np.ndarray, mode: Mode, cutting: np.ndarray, teeth: int) -> Limit:
