@@ -17,9 +17,11 @@ from millcal.physics.modal_constants import (
     DrivingConstants,
     Estimate,
     driving_constants,
+    driving_points,
     interval,
     interval_of_constant,
     mode_shapes,
+    turned,
 )
 
 AXES = ("x", "y", "z")
@@ -285,9 +287,8 @@ class ModalFit(Record):
     @property
     def driving_points(self) -> dict[str, tuple[int, int]]:
         """Where a point was hit and measured in one direction, whatever their signs: dof -> (output, input)."""
-        outputs, inputs = ([dof.lstrip("+-") for dof in dofs] for dofs in (self.outputs, self.inputs))
-        pairs = {dof: (outputs.index(dof), inputs.index(dof)) for dof in inputs if dof in outputs}
-        return {dof: pair for dof, pair in pairs.items() if np.isfinite(self.residue[:, *pair]).all()}
+        pairs = driving_points(self.outputs, self.inputs)
+        return {self.inputs[i].lstrip("+-"): (o, i) for o, i in pairs if np.isfinite(self.residue[:, o, i]).all()}
 
     @property
     def shapes(self) -> tuple[tuple[str, ...], np.ndarray]:
@@ -325,8 +326,7 @@ class Modes(Record):
         Where hammer and response count the other way round, so do their residues.
         """
         assert self.fit is not None
-        turned = self.fit.outputs[output].startswith("-") != self.fit.inputs[given].startswith("-")
-        sign = -1.0 if turned else 1.0
+        sign = turned(self.fit.outputs[output], self.fit.inputs[given])
         residue, deviation = self.fit.residue[:, output, given], self.fit.residue_deviation[:, :, output, given]
         return driving_constants(
             self.frequency_estimate, self.damping_estimate, Estimate(sign * residue, sign * deviation)

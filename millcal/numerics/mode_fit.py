@@ -280,6 +280,6 @@ def sensitivity(tests: Sequence[Channels], fit: Fit, model: Model) -> Sensitivit
         by_mode = part.moving.reshape(*part.moving.shape[:3], modes, modal // modes)
         strength = part.strength.reshape(outputs, 1, 1, modes, -1)
         slope = np.sum(by_mode * strength, axis=-1).reshape(outputs, -1, 2 * modes)
-        shared = (np.broadcast_to(array, (outputs, *array.shape[1:])) for array in (part.basis, part.triangle))
-        parts.append(Part(*shared, part.scale, part.residual, slope))
+        basis, triangle = (np.broadcast_to(own, (outputs, *own.shape[1:])) for own in (part.basis, part.triangle))
+        parts.append(Part(basis, triangle, part.scale, part.residual, slope))
     return Sensitivity(np.linalg.pinv(normal / np.outer(scale, scale)) / np.outer(scale, scale), tuple(parts))

@@ -7,6 +7,7 @@ product deviation^T deviation is the covariance: no correlation between frequenc
 1/m and 1/c are what is near to normal, and they may be zero: at most driving points a mode across them hardly moves.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -34,6 +35,17 @@ class DrivingConstants(NamedTuple):
     stiffness: Constant  # k, N/m
     mass: Constant  # m, kg
     damping: Constant  # c, N s/m
+
+
+def driving_points(outputs: Sequence[str], inputs: Sequence[str]) -> list[tuple[int, int]]:
+    """(output, input) that are one point in one direction, whatever the signs of their dofs, in the order of the inputs."""
+    names = [dof.lstrip("+-") for dof in outputs]
+    return [(names.index(dof.lstrip("+-")), i) for i, dof in enumerate(inputs) if dof.lstrip("+-") in names]
+
+
+def turned(output: str, given: str) -> float:
+    """-1 where response and hammer count against each other, as in -tipX over tipX, else 1."""
+    return -1.0 if output.startswith("-") != given.startswith("-") else 1.0
 
 
 def driving_constants(frequency: Estimate, damping_ratio: Estimate, residue: Estimate) -> DrivingConstants:

@@ -6,7 +6,7 @@ from millcal.data import Frf, ModalFit, Modes, Notice
 from millcal.numerics.mode_fit import Fit
 from millcal.numerics.pole_search import Poles
 from millcal.stages.modes.intervals import deviations, modelled, remainders, residues
-from millcal.stages.modes.possible import complexity, driving_constants, driving_points, mac, moves, shapes_of
+from millcal.stages.modes.possible import complexity, driving_constants, mac, measured_driving_points, moves, shapes_of
 from millcal.stages.modes.problem import Problem, forms_of, measured_values, problem_of
 from millcal.stages.modes.search import Found
 
@@ -60,39 +60,31 @@ def answer(frf: Frf, problem: Problem, lines: np.ndarray, found: Found, poles: P
         band=(float(frf.frequency[lines[0]]), float(frf.frequency[lines[-1]])),
     )
     constants = driving_constants(problem, fit, residue)
+    dofs = [frf.inputs[i] for _, i in measured_driving_points(problem, residue)]
     return Modes(
         natural_frequency=fit.natural_frequency,
         damping_ratio=fit.damping_ratio,
-        stiffness=_stiffness(frf, found, residue),
-        axes=_axes(frf, constants),
+        stiffness=_stiffness(fit, constants, dofs, frf.inputs[0]),
+        axes=tuple(dofs[int(np.argmax(row.real))][-1:].lower() if dofs else "" for row in constants),
         fit=record,
-        notices=tuple(_notices(frf, record, fit, constants)),
+        notices=tuple(_notices(record, fit, constants, dofs)),
     )
 
 
-def _stiffness(frf: Frf, found: Found, residue: np.ndarray) -> np.ndarray:
+def _stiffness(fit: Fit, constants: np.ndarray, dofs: list[str], first: str) -> np.ndarray:
     """k at the driving point of the first input; nan where it was not measured or the constant is no structure's."""
-    fn, zeta = found.fit.natural_frequency, found.fit.damping_ratio
-    first = [o for o, i in driving_points(frf.outputs, frf.inputs) if i == 0]
-    if not first:
-        return np.full(len(fn), np.nan)
-    alpha = (2j * 2 * np.pi * fn * np.sqrt(1 - zeta**2) * residue[:, first[0], 0]).real
-    return (2 * np.pi * fn) ** 2 / np.where(alpha > 0, alpha, np.nan)
+    if first not in dofs:
+        return np.full(len(constants), np.nan)
+    alpha = constants[:, dofs.index(first)].real
+    return (2 * np.pi * fit.natural_frequency) ** 2 / np.where(alpha > 0, alpha, np.nan)
 
 
-def _axes(frf: Frf, constants: np.ndarray) -> tuple[str, ...]:
-    """The direction in which each mode is softest, by the last letter of the driving points' dofs; empty where none is."""
-    letters = [frf.inputs[i][-1:].lower() for _, i in driving_points(frf.outputs, frf.inputs)]
-    return tuple(letters[int(np.argmax(row.real))] if len(row) else "" for row in constants)
-
-
-def _notices(frf: Frf, record: ModalFit, fit: Fit, constants: np.ndarray) -> list[Notice]:
+def _notices(record: ModalFit, fit: Fit, constants: np.ndarray, dofs: list[str]) -> list[Notice]:
     notices = []
     if record.residual_relative > EXPLAINED:
         left = f"{100 * record.residual_relative:.0f} %"
-        notices.append(
-            Notice("poor-fit", f"the modes leave {left} of the FRF unexplained; narrow the band, or see the coherence")
-        )
+        message = f"the modes leave {left} of the FRF unexplained; narrow the band, or see the coherence"
+        notices.append(Notice("poor-fit", message))
     low, high = record.band
     outside = [f"{fn:.0f}" for fn in fit.natural_frequency if not low <= fn <= high]
     if outside:
@@ -101,13 +93,13 @@ def _notices(frf: Frf, record: ModalFit, fit: Fit, constants: np.ndarray) -> lis
         )
         notices.append(Notice("mode-outside-band", message))
     if record.delay is not None:
-        told = ", ".join(f"{dof} {1e6 * tau:.1f}" for dof, tau in zip(frf.outputs, record.delay, strict=True))
+        told = ", ".join(f"{dof} {1e6 * tau:.1f}" for dof, tau in zip(record.outputs, record.delay, strict=True))
         message = (
             f"responses come late against the hammer, by {told} us; the modes are fitted with that taken out, the FRF "
         )
-        notices.append(Notice("delay", message + "has it in: state the delays when it is estimated"))
-    for k, (_, i) in enumerate(driving_points(frf.outputs, frf.inputs)):
-        notices += _of_driving_point(frf.inputs[i], record, fit, constants[:, k])
+        notices.append(Notice("delay", message + "has it in: state it when the FRF is estimated (--delay)"))
+    for dof, own in zip(dofs, constants.T, strict=True):
+        notices += _of_driving_point(dof, record, fit, own)
     if record.interval_from != "jackknife":
         message = "intervals come from the scatter of the lines alone, as there are not three hits; they are too short"
         notices.append(Notice("intervals-from-lines", message))

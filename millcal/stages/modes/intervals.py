@@ -34,12 +34,17 @@ class Deviations(NamedTuple):
 def deviations(problem: Problem, fit: Fit, model: Model) -> Deviations:
     """Deviations by hit where every test has hits enough, else by the scatter of the lines."""
     known = sensitivity(problem.channels, fit, model)
-    if all(_can_leave_out(test, problem) for test in problem.tests):
+    if can_leave_hits_out(problem):
         return _by_hit(problem, fit, model, known)
     return _by_line(problem, fit, model, known)
 
 
-def _can_leave_out(test: Test, problem: Problem) -> bool:
+def can_leave_hits_out(problem: Problem) -> bool:
+    """Whether every test has hits enough for a jackknife, on all lines of the fit."""
+    return all(_has_hits(test, problem) for test in problem.tests)
+
+
+def _has_hits(test: Test, problem: Problem) -> bool:
     spectra = test.spectra
     if spectra is None:
         return False
@@ -50,13 +55,9 @@ def _can_leave_out(test: Test, problem: Problem) -> bool:
 
 def _by_hit(problem: Problem, fit: Fit, model: Model, known: Sensitivity) -> Deviations:
     base = residues(problem, fit, model)
-    units: dict[str, list[tuple[int, int]]] = {}  # hit -> tests it stands in, and its place there
-    for number, test in enumerate(problem.tests):
-        for hit, name in enumerate(test.spectra.names):  # type: ignore[union-attr]
-            units.setdefault(name, []).append((number, hit))
     rows: dict[int, list[tuple[np.ndarray, np.ndarray, np.ndarray]]] = {}
-    for places in units.values():
-        changed = [(number, _residual_without(problem, number, hit, fit, model)) for number, hit in places]
+    for places in hits_of(problem):
+        changed = [(number, residual_without(problem, number, hit, fit, model)) for number, hit in places]
         moved = _moved(fit, *known.step(changed))
         residue = residues(problem, moved, model) - base
         step = (moved.natural_frequency - fit.natural_frequency, moved.damping_ratio - fit.damping_ratio, residue)
@@ -75,7 +76,16 @@ def _by_hit(problem: Problem, fit: Fit, model: Model, known: Sensitivity) -> Dev
     return Deviations(frequency, damping, residue, dof, "jackknife")
 
 
-def _residual_without(problem: Problem, number: int, hit: int, fit: Fit, model: Model) -> np.ndarray:
+def hits_of(problem: Problem) -> list[list[tuple[int, int]]]:
+    """Every hit: the tests it stands in, and its number there."""
+    places: dict[str, list[tuple[int, int]]] = {}
+    for number, test in enumerate(problem.tests):
+        for hit, name in enumerate(test.spectra.names):  # type: ignore[union-attr]
+            places.setdefault(name, []).append((number, hit))
+    return list(places.values())
+
+
+def residual_without(problem: Problem, number: int, hit: int, fit: Fit, model: Model) -> np.ndarray:
     """Whitened residual of a test at the fit, once one of its hits is left out.   returns (output, row)"""
     test = problem.tests[number]
     channels, spectra, F, P = test.channels, test.spectra, test.force, test.power
@@ -91,7 +101,7 @@ def _residual_without(problem: Problem, number: int, hit: int, fit: Fit, model: 
     inverse, inverse_all = np.linalg.inv(rest), np.linalg.inv(P)
     change = np.einsum("oli,lij->olj", cross, inverse) - np.einsum("oli,lij->olj", cross + own, inverse_all)
     change = change if test.turn is None else change * test.turn[:, :, None]
-    loss = without_hit(channels.loss, hit, P @ inverse)
+    loss = None if channels.loss is None else without_hit(channels.loss, hit, P @ inverse)
     left_out = channels._replace(values=channels.values + change, loss=loss)
     phi, _ = columns(left_out, fit.natural_frequency, fit.damping_ratio, model)
     return whitened(channels, left_out.values - combined(phi, fit.linear[number]))

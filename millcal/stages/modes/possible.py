@@ -8,7 +8,7 @@ alike, or a driving point would give power away.
 import numpy as np
 
 from millcal.numerics.mode_fit import Fit, Model
-from millcal.physics.modal_constants import mode_shapes
+from millcal.physics.modal_constants import driving_points, mode_shapes, turned
 from millcal.stages.modes.intervals import residues
 from millcal.stages.modes.problem import Problem
 
@@ -49,14 +49,15 @@ def moves(fit: Fit, constants: np.ndarray) -> np.ndarray:
 def driving_constants(problem: Problem, fit: Fit, residue: np.ndarray) -> np.ndarray:
     """2j w_d A of each driving point, real and positive for real modes.   returns complex (mode, driving point)"""
     w_d = 2 * np.pi * fit.natural_frequency * np.sqrt(1 - fit.damping_ratio**2)
-    pairs = [pair for pair in driving_points(problem.outputs, problem.inputs) if np.isfinite(residue[:, *pair]).all()]
-    return np.array([2j * w_d * residue[:, o, i] for o, i in pairs]).reshape(len(pairs), len(w_d)).T
+    signs = [
+        (o, i, turned(problem.outputs[o], problem.inputs[i])) for o, i in measured_driving_points(problem, residue)
+    ]
+    return np.array([2j * w_d * sign * residue[:, o, i] for o, i, sign in signs]).reshape(len(signs), len(w_d)).T
 
 
-def driving_points(outputs: tuple[str, ...], inputs: tuple[str, ...]) -> list[tuple[int, int]]:
-    """(output, input) that are one point in one direction, whatever their signs, in the order of the inputs."""
-    names = [dof.lstrip("+-") for dof in outputs]
-    return [(names.index(dof.lstrip("+-")), i) for i, dof in enumerate(inputs) if dof.lstrip("+-") in names]
+def measured_driving_points(problem: Problem, residue: np.ndarray) -> list[tuple[int, int]]:
+    """(output, input) of the driving points that have residues."""
+    return [pair for pair in driving_points(problem.outputs, problem.inputs) if np.isfinite(residue[:, *pair]).all()]
 
 
 def mac(shapes: np.ndarray) -> np.ndarray:
