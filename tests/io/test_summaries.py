@@ -123,6 +123,7 @@ def test_an_frf_tells_its_hits_and_the_median_coherence_is_unknown_for_single_hi
     assert told["frequency_hz"] == [0.0, 39.0, 40]
     assert told["hits"][0] == {
         "recording": "a.h5", "index": 0, "onset_s": 0.1, "peak_N": 250.0, "accepted": False, "reasons": ["double"],
+        "remarks": [],
     }  # fmt: skip
 
 
