@@ -190,6 +190,17 @@ def test_where_the_records_end_too_early_the_map_stands_on_the_modes(whole, smal
     assert abs(minimum[""] / truth - 1) < 0.001
 
 
+def test_an_exponential_window_is_mapped_by_its_modes_and_refused_as_an_frf(whole, small_recipe, recipe_text, tmp_path):
+    """The window adds 15 1/s to a mode that decays with 132 1/s, and the limit would rise with it."""
+    window = "[frf]\nexponential = 0.05\n"
+    found = pipeline.run(read_recipe(small_recipe(recipe_text + window)), tmp_path / "out")
+    assert "map-from-modes" in {notice.code for notice in found.notices}
+    truth = whole[1].results["stability"].absolute_minimum
+    assert found.results["stability"].absolute_minimum == pytest.approx(truth, rel=0.01)
+    with pytest.raises(MillcalError, match="exponential window added"):
+        pipeline.run(read_recipe(small_recipe(with_dynamics(recipe_text, "frf") + window)), tmp_path / "frf")
+
+
 def test_conditions_of_the_recipe_win_over_those_of_the_recording(small_recipe, tmp_path, recipe_text):
     text = recipe_text.replace("axial_depth_mm = 2\ndirection", "axial_depth_mm = 4\ndirection")
     found = pipeline.run(read_recipe(small_recipe(text)), tmp_path / "out")

@@ -153,6 +153,21 @@ def test_the_frf_without_what_the_records_end_cut_off_is_nearer_to_the_truth(run
     assert read_result(tmp_path / "corrected.h5", Frf).damping_shift == 0
 
 
+def test_the_modes_go_on_to_a_map_with_a_band(run, frf_file, tmp_path):
+    """Exact coefficients, so the band is that of the modes; the limit is that of the FRF."""
+    run(frf_file, "-o", "modes.h5")
+    cut = ("--ktc", 820, "--krc", 260, "--teeth", 2, "--diameter-mm", 16, "--direction", "slot", "--rpm", 4000, 12000)
+    maps = []
+    for option, path in (("--modes", "modes.h5"), ("--frf", frf_file)):
+        code, out, _ = run(*cut, option, path, "-o", "map.h5", "--json", command="stability")
+        assert code == 0
+        maps.append([entry["crossings"][0] for entry in json.loads(out)["result"]["limit"]])
+    for by_modes, by_frf in zip(*maps, strict=True):
+        low, high = by_modes["ap_mm_ci95"]
+        assert low < by_modes["ap_mm"] < high
+        assert by_modes["ap_mm"] == pytest.approx(by_frf["ap_mm"], rel=0.03)
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -174,7 +189,7 @@ def test_a_call_that_cannot_be_meant_is_one_line_and_exit_code_2(arguments, word
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--near", "5000"], "no line near 5000 Hz"),
+        (["--near", "5000"], "5000 Hz is outside of the band"),
         (["--band", "700", "701"], "lines"),
         (["--corrected", "c.xyz"], "c.xyz"),
     ],
@@ -210,4 +225,4 @@ def test_noise_alone_has_no_modes(run, tmp_path):
     write_result(tmp_path / "frf.h5", frf, provenance={})
     code, _, err = run("frf.h5", "-o", "modes.h5")
     assert code == 3
-    assert "no mode stands out" in err
+    assert "none stands out of the noise" in err

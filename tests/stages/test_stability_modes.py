@@ -8,8 +8,13 @@ import pytest
 
 from millcal.data import Frf, ModalFit, Modes, Notice
 from millcal.errors import IllPosedError
+from millcal.physics.measuring_chain import MeasuringChain
+from millcal.physics.shaped_modes import ShapedMode
 from millcal.physics.stability.zero_order import limit_of_one_mode, mean_cutting_matrix, minimum_of_one_mode
 from millcal.physics.structure import Mode, convert_frf, modal_receptance
+from millcal.simulation import simulate_impact
+from millcal.stages.frf import estimate_frf
+from millcal.stages.modes import fit_modes
 from millcal.stages.stability import map_stability
 from millcal.stages.stability_dynamics import advise
 from millcal.stages.stability_modes import BEYOND
@@ -330,3 +335,58 @@ def test_lines_too_far_apart_for_a_curve_are_told_with_the_error_and_the_modes_a
     (told,) = (n.message for n in found.notices if n.code == "coarse-lines" and n.where.endswith("tipX"))
     share = float(re.search(r"off by some ([\d.]+)%", told).group(1)) / 100
     assert share / 3 < abs(found.absolute_minimum / exact.absolute_minimum - 1) < 3 * share
+
+
+MACHINE = (
+    ShapedMode(310.0, 0.045, 9e7, (("tipX", 1.15), ("tipY", 0.1))),
+    ShapedMode(850.0, 0.035, 8.5e7, (("tipY", 1.0), ("tipX", 0.06))),
+    ShapedMode(1450.0, 0.025, 4.4e7, (("tipX", 1.0), ("tipY", -0.04))),
+    ShapedMode(1530.0, 0.022, 4.2e7, (("tipX", 0.04), ("tipY", 1.0))),
+)
+SLOT = {**CUT, "diameter": 16e-3, "radial_depth": 16e-3, "direction": "slot", "points": 25}
+
+
+def of_machine():
+    """The modes of the machine without any error."""
+    w = 2 * np.pi * np.array([mode.natural_frequency for mode in MACHINE])
+    zeta = np.array([mode.damping_ratio for mode in MACHINE])
+    alpha = (
+        np.array([np.outer(mode.at(DOFS), mode.at(DOFS)) / mode.stiffness for mode in MACHINE]) * w[:, None, None] ** 2
+    )
+    known = Modes(
+        natural_frequency=w / (2 * np.pi),
+        damping_ratio=zeta,
+        stiffness=[mode.stiffness for mode in MACHINE],
+        axes=tuple("xyxy"),
+    )
+    return fitted(known, residue=alpha / (2j * w * np.sqrt(1 - zeta**2))[:, None, None])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("hits", "record", "noise"),
+    [(8, 0.16, (0.3, 0.3)), (5, 0.16, (0.3, 1.0)), (6, 0.04, (0.1, 0.1)), (5, 0.025, (0.3, 0.3))],
+    ids=["eight hits", "five noisy hits", "records cut short", "records of three time constants"],
+)
+def test_from_noisy_hits_by_way_of_modes_the_band_holds_the_true_limit(hits, record, noise):
+    """Errors of the speeds go together, so that 50 seeds are worth little more than 50 trials: 0.90 is 1.6 sigma."""
+    truth = map_stability(of_machine(), (820e6, 260e6), **SLOT).limit_depth
+    inside, error = [], []
+    for seed in range(50):
+        rng = np.random.default_rng(seed)
+        chains = {
+            name: MeasuringChain(noise=n) for name, n in zip(("hammer_chain", "accelerometer"), noise, strict=True)
+        }
+        taps = [
+            simulate_impact(
+                MACHINE, rng=rng, hammer=dof, accelerometers=DOFS, sample_rate=25_600.0, hits=hits, record=record,
+                peak=290.0, pulse=2.5e-4, pretrigger=0.008, onset_jitter=5e-4, name=dof, **chains,
+            )[0]
+            for dof in DOFS
+        ]  # fmt: skip
+        found = map_stability(fit_modes(estimate_frf(taps)), (820e6, 260e6), **SLOT, members=400, rng=rng)
+        inside.append((found.limit_low <= truth) & (truth <= found.limit_high))
+        error.append(np.median(np.abs(found.limit_depth / truth - 1)))
+    print(f"\n{hits} hits, {record} s: {np.mean(inside):.3f} of the limits held, median error {np.median(error):.1e}")
+    assert 0.90 <= np.mean(inside) < 0.995
+    assert np.median(error) < 1e-3
