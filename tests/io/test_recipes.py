@@ -221,7 +221,9 @@ BAD = {
     "steady no list": ("[0.1, 0.9]", "0.9", 20, "cuts.0.steady_s: 0.9 is no list"),
     "modes of no FRF": ("[stability]", "[modes]\nmodes = 3\n[stability]", 32, "modes: no [impact] to fit modes to"),
     "map of no FRF": ("rpm = [3000, 12000]", 'rpm = [3000, 12000]\ndynamics = "frf"', 34, "no [impact] to take an FRF from"),
-    "other dynamics": ("rpm = [3000, 12000]", 'rpm = [3000, 12000]\ndynamics = "modal"', 34, "is not 'frf', 'corrected' or 'modes'"),
+    "other dynamics": (
+        "rpm = [3000, 12000]", 'rpm = [3000, 12000]\ndynamics = "modal"', 34, "is not 'frf', 'corrected' or 'modes'"
+    ),
     "rpm reversed": ("rpm = [3000, 12000]", "rpm = [12000, 3000]", 33, "stability.rpm"),
     "half an operating point": ("axial_depth_mm = 2\n", "", 34, "half an operating point"),
     "method": ('"average"', '"avarage"', 27, "coefficients.method: 'avarage' is not 'average' or 'nls'"),
