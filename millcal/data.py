@@ -55,7 +55,10 @@ class Record:
 
 
 class SamplesOnDisk(Protocol):
-    """Samples too many for the memory: a shape, and a block at a time in SI units."""
+    """Samples too many for the memory: a shape, and a block at a time in SI units.
+
+    Where some channels can be read without the others, `read_rows(start, stop, rows)` does it.
+    """
 
     shape: tuple[int, int]
 
@@ -112,16 +115,19 @@ class Recording(Record):
         """s"""
         return self.samples.shape[1] / self.sample_rate
 
-    def block(self, start: int, stop: int) -> np.ndarray:
-        """Samples start..stop of all channels, from memory or from disk.   returns (channel, stop - start)"""
-        if hasattr(self.samples, "read_block"):
-            return self.samples.read_block(start, stop)
-        return self.samples[:, start:stop]
+    def block(self, start: int, stop: int, rows: list[int] | None = None) -> np.ndarray:
+        """Samples start..stop of all channels, or of some, from memory or from disk.   returns (channel, stop - start)"""
+        if rows is not None and hasattr(self.samples, "read_rows"):
+            return self.samples.read_rows(start, stop, rows)
+        block = (
+            self.samples.read_block(start, stop) if hasattr(self.samples, "read_block") else self.samples[:, start:stop]
+        )
+        return block if rows is None else block[rows]
 
-    def blocks(self, size: int = 1 << 20) -> Iterator[tuple[int, np.ndarray]]:
-        """All samples in blocks of `size`: (index of the first sample, (channel, size))."""
+    def blocks(self, size: int = 1 << 20, rows: list[int] | None = None) -> Iterator[tuple[int, np.ndarray]]:
+        """All samples in blocks of `size`, of all channels or of some: (index of the first sample, (channel, size))."""
         for start in range(0, self.samples.shape[1], size):
-            yield start, self.block(start, min(start + size, self.samples.shape[1]))
+            yield start, self.block(start, min(start + size, self.samples.shape[1]), rows)
 
     def rows_of(self, quantity: str) -> list[int]:
         """Indices of the channels that measure a quantity, in channel order."""

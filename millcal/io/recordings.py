@@ -264,11 +264,19 @@ class _InSi:
 
     def read_block(self, start: int, stop: int) -> np.ndarray:
         """Samples start..stop of all channels.   returns (channel, stop - start)"""
+        return self.read_rows(start, stop, range(self.shape[0]))
+
+    def read_rows(self, start: int, stop: int, rows: Sequence[int]) -> np.ndarray:
+        """Samples start..stop of some channels.   returns (channel, stop - start)"""
         start, stop, _ = slice(start, stop).indices(self.shape[1])
-        raw = self._source.read_block(start, max(start, stop))  # type: ignore[misc]
-        block = raw[list(self._chosen.rows)] * self._chosen.gains[:, np.newaxis]
+        stop, columns = max(start, stop), [self._chosen.rows[row] for row in rows]
+        if self._source.read_rows is not None:
+            block = self._source.read_rows(start, stop, columns)
+        else:
+            block = self._source.read_block(start, stop)[columns]  # type: ignore[misc]
+        block *= self._chosen.gains[list(rows), np.newaxis]
         if 8 * self.shape[0] * self.shape[1] > IN_MEMORY:
-            _check_values(block, self._chosen.channels, self._source, start)
+            _check_values(block, [self._chosen.channels[row] for row in rows], self._source, start)
         return block
 
 

@@ -81,6 +81,7 @@ def open_source(path: Path, setup: Any = None) -> Source:
         blocks=lambda progress: blocks_of(read_block, rows, progress),
         rows=rows,
         read_block=read_block,
+        read_rows=read_block,
         sample_rate=rate,
         attributes=attributes,
         segments=segments,
@@ -93,13 +94,18 @@ def open_source(path: Path, setup: Any = None) -> Source:
 Where = tuple[str, str | None, int | None]  # dataset, field of a compound type, column of a table
 
 
-def reader(path: Path, places: Sequence[Where], scales: Sequence[float]) -> Callable[[int, int], np.ndarray]:
-    """A function that reads samples start..stop of several datasets, scaled.   returns (channel, stop - start)"""
+def reader(path: Path, places: Sequence[Where], scales: Sequence[float]) -> Callable[..., np.ndarray]:
+    """A function that reads samples start..stop of several datasets, or of some of them, scaled.
 
-    def read_block(start: int, stop: int) -> np.ndarray:
+    returns (channel, stop - start)
+    """
+
+    def read_block(start: int, stop: int, rows: Sequence[int] | None = None) -> np.ndarray:
+        wanted = range(len(places)) if rows is None else rows
         with opened(path) as file:
-            result = np.empty((len(places), stop - start))
-            for row, ((name, part, column), scale) in enumerate(zip(places, scales, strict=True)):
+            result = np.empty((len(wanted), stop - start))
+            for row, of in enumerate(wanted):
+                (name, part, column), scale = places[of], scales[of]
                 dataset = file[name]
                 values = dataset[start:stop] if column is None else dataset[start:stop, column]
                 result[row] = values if part is None else values[part]

@@ -5,7 +5,7 @@ every format and are settled above, in `millcal.io.channels` and `millcal.io.rec
 with two functions, `sniff(path, head) -> bool` and `open_source(path, setup) -> Source`.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -46,6 +46,7 @@ class Source:
     blocks: Callable[[Progress], Iterator[np.ndarray]]  # (column, n) in the file's units, in order, NaN where blank
     rows: int | None = None  # where known without reading
     read_block: Callable[[int, int], np.ndarray] | None = None  # (column, stop - start), where any part can be read
+    read_rows: Callable[[int, int, Sequence[int]], np.ndarray] | None = None  # the same of some columns
     sample_rate: float | None = None  # Hz, as the file states it
     attributes: Mapping[str, Any] = field(default_factory=dict)  # the contract's keys
     segments: np.ndarray | None = None

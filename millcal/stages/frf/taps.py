@@ -225,8 +225,8 @@ def survey_tap(
 
 def _force_blocks(tap: Tap) -> Iterator[tuple[int, np.ndarray]]:
     """The force of a whole recording, in pieces; samples that are missing are zero."""
-    for start, block in tap.recording.blocks():
-        force = np.nan_to_num(block[tap.forces])
+    for start, block in tap.recording.blocks(rows=tap.forces):
+        force = np.nan_to_num(block)
         for a in range(0, force.shape[1], PIECE):
             yield start + a, force[:, a : a + PIECE]
 
