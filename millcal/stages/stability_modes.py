@@ -31,6 +31,9 @@ from millcal.stages.stability_tip import (
 BEYOND = 1.1  # times the ends of the band of the fit: a remainder goes on smoothly, but not for ever
 LEAST_DAMPING = 0.05  # share of its damping that a mode keeps in any draw
 SMOOTHED = 9  # lines over which the misfit is averaged
+APART = 8  # lines after which noise is another, however many zeros were added to the records
+ALIKE = 0.5  # correlation of the misfit with itself so far away, from which on it is no noise
+MISSED = 0.02  # share of a driving point that a model may miss before it is told
 
 
 def tip_of_modes(record: Modes, speeds: np.ndarray, teeth: int, rigid: str) -> Tip:
@@ -96,6 +99,8 @@ def _fitted(record: Modes, fit: ModalFit, speeds: np.ndarray, teeth: int, rigid:
     inside = (tip.grid >= low) & (tip.grid <= high)
     notices += absorbs_power(Lines(tip.grid[inside], tip.on_grid[inside], None, ()), places, "modes", point)
 
+    notices += _missed(fit, places, point)
+
     deviations = (fit.frequency_deviation, fit.damping_deviation)
     moved = at_tip(fit.residue_deviation, places, fit.outputs, fit.inputs)
     moved = np.where(unmeasured, 0.0, moved)
@@ -124,6 +129,28 @@ def _fitted(record: Modes, fit: ModalFit, speeds: np.ndarray, teeth: int, rigid:
         band_of="the band of the modal fit and a little beyond",
         draws=draws if known_errors else None,
     )
+
+
+def _missed(fit: ModalFit, places: dict[str, tuple[int, int]], point: str) -> list[Notice]:
+    """What the model itself lacks, apart from noise: a misfit that goes on from line to line."""
+    notices = []
+    for axis, (o, i) in sorted(places.items()):
+        moving = fit.frequency > 0
+        measured, modelled = (
+            structure.convert_frf(fit.frequency[moving], values[moving, o, i], fit.form, "mobility")
+            for values in (fit.measured, fit.modelled)
+        )
+        misfit = measured - modelled
+        power = np.sum(np.abs(misfit) ** 2)
+        alike = np.abs(np.sum(misfit[APART:] * misfit[:-APART].conj())) / max(power, 1e-300)
+        share = alike * np.sqrt(power) / np.linalg.norm(measured)
+        if alike > ALIKE and share > MISSED:
+            dof = f"{point}{axis.upper()}"
+            what = (
+                f"the modes miss {share:.0%} of what was measured by more than noise; the limit may be off by as much, "
+            )
+            notices.append(Notice("modes-misfit", what + "and its band does not know of it", f"modes {dof}/{dof}"))
+    return notices
 
 
 def _known_from(fit: ModalFit, places: dict[str, tuple[int, int]], point: str) -> dict[str, float]:

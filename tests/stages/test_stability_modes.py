@@ -290,6 +290,19 @@ def test_where_the_fit_is_noise_at_low_frequency_it_makes_no_lobes():
     np.testing.assert_allclose(noisy.limit_depth, exact.limit_depth, rtol=0.01)
 
 
+def test_what_the_modes_lack_is_told_and_noise_is_not():
+    """A twentieth more of the FRF at one mode, against noise of the same size."""
+    noisy = fitted(noise=0.01)
+    lacking = fitted()
+    curve = lacking.fit.modelled * np.where(lacking.fit.frequency > 1000, 1.05, 1.0)[:, None, None]
+    lacking = replace(lacking, fit=replace(lacking.fit, measured=curve))
+    assert "modes-misfit" not in codes(map_stability(noisy, (KTC, KRC), **CUT, points=10))
+    found = map_stability(lacking, (KTC, KRC), **CUT, points=10)
+    told = [notice.message for notice in found.notices if notice.code == "modes-misfit"]
+    assert len(told) == 2
+    assert all(re.search(r"miss [345]% of what", message) for message in told)
+
+
 def test_an_frf_with_an_exponential_window_is_refused_and_a_truncated_one_is_told():
     frf = lines_of(fitted())
     with pytest.raises(IllPosedError, match=r"exponential window added 30 1/s of damping .*millcal modes"):
