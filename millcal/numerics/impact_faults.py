@@ -146,30 +146,37 @@ def late_bumps(power: np.ndarray, peak: np.ndarray, noise: np.ndarray, begin: in
     noise : (hit, output) standard deviation   begin : first block without force
     returns for each hit the block and the amplitude there, as a share of the largest
     """
-    blocks = power.shape[2]
+    hits, outputs, blocks = power.shape
     if blocks < begin + PIECE + LATE:
-        return [None] * len(power)
+        return [None] * hits
     level = moving_mean(np.nan_to_num(power), PIECE)  # (hit, output, block)
-    measured = np.isfinite(power[:, :, PIECE - 1 :])
-    floor = noise[:, :, None] ** 2
-    if len(power) >= 3:
-        scaled = np.where(measured, level / peak[:, None, None] ** 2, np.nan)
-        count = measured.sum(axis=0)
-        usual = np.zeros(scaled.shape[1:])
-        usual[count > 0] = np.nanmedian(scaled[:, count > 0], axis=0)
-        clear = measured & (level > 20.0 * floor)
-        ratio = np.where(clear, scaled / np.maximum(usual, 1e-300), np.nan)
-        own = np.ones(ratio.shape[:2])
-        known = clear.any(axis=2)
-        own[known] = np.nanmedian(ratio[known], axis=1)
-        down = np.maximum(usual.max(axis=1, keepdims=True) / np.maximum(usual, 1e-300), 1.0)
-        expected = usual * (own * peak[:, None] ** 2)[:, :, None]
-        risen = level > BUMP * down**0.1 * expected + 3.0 * floor
-    else:
-        risen = _above_before(level > ALONE * floor, level, begin, ALONE)
-    risen &= measured
+    risen = np.zeros(level.shape, bool)
+    for o in range(outputs):  # one by one: there may be very many hits
+        measured = np.isfinite(power[:, o, PIECE - 1 :])
+        floor = noise[:, o, None] ** 2
+        if hits >= 3:
+            risen[:, o] = _above_usual(level[:, o], measured, peak, floor)
+        else:
+            risen[:, o] = _above_before(level[:, o] > ALONE * floor, level[:, o], begin, ALONE)
+        risen[:, o] &= measured
     risen[:, :, :begin] = False
     return _first_rises(risen, level)
+
+
+def _above_usual(level: np.ndarray, measured: np.ndarray, peak: np.ndarray, floor: np.ndarray) -> np.ndarray:
+    """Where a hit's level is above that of the median hit.   level, measured : (hit, block)   floor : (hit, 1)"""
+    scaled = np.where(measured, level / peak[:, None] ** 2, np.nan)
+    there = measured.any(axis=0)
+    usual = np.zeros(level.shape[1])
+    usual[there] = np.nanmedian(scaled[:, there], axis=0)
+    clear = measured & (level > 20.0 * floor)
+    scaled = np.where(clear, scaled / np.maximum(usual, 1e-300), np.nan)
+    known = clear.any(axis=1)
+    own = np.ones(len(level))
+    own[known] = np.nanmedian(scaled[known], axis=1)
+    down = np.maximum(usual.max() / np.maximum(usual, 1e-300), 1.0)
+    expected = usual * down**0.1 * (own * peak**2)[:, None]
+    return level > BUMP * expected + 3.0 * floor
 
 
 def unexplained_level(
@@ -218,13 +225,13 @@ def bumps_beside_model(level: np.ndarray, floor: np.ndarray, begin: int) -> list
 def _above_before(risen: np.ndarray, level: np.ndarray, begin: int, times: float) -> np.ndarray:
     """Where a level that has risen is also well above all that was before it, in the last three quarters of the time.
 
-    risen, level : (hit, output, block)   begin : first block that counts   returns as risen
+    risen, level : (..., block)   begin : first block that counts   returns as risen
     """
     found = np.zeros(level.shape, bool)
-    for k in np.flatnonzero(risen.any(axis=(0, 1))):
-        before = level[:, :, begin + (k - begin) // 4 : k - PIECE + 1]
-        if k >= begin + 2 * PIECE and before.shape[2]:
-            found[:, :, k] = risen[:, :, k] & (level[:, :, k] > times * before.max(axis=2))
+    for k in np.flatnonzero(risen.reshape(-1, risen.shape[-1]).any(axis=0)):
+        before = level[..., begin + (k - begin) // 4 : k - PIECE + 1]
+        if k >= begin + 2 * PIECE and before.shape[-1]:
+            found[..., k] = risen[..., k] & (level[..., k] > times * before.max(axis=-1))
     return found
 
 

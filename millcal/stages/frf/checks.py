@@ -99,13 +99,12 @@ def lateness(
         f = frequency[inside][clear]
         Y = convert_frf(f, H[clear], measured[row], "mobility")
         unit, spread = Y / np.abs(Y), 2.0 * sd[clear] / np.abs(H[clear])
-        longest = 0.25 / f[-1]
-        delays = np.linspace(-longest, longest, 201)
-        broken = np.maximum(-(unit * np.exp(2j * np.pi * f * delays[:, None])).real - spread, 0.0)
-        size = np.sqrt(np.mean(broken**2, axis=1))
-        now = size[len(delays) // 2]
-        good = size < 0.1 * now
-        if now < LATE or not good.any():
+        if _given_back(unit, spread) < LATE:
+            continue
+        delays = np.linspace(-0.25 / f[-1], 0.25 / f[-1], 201)
+        size = np.array([_given_back(unit * np.exp(2j * np.pi * f * delay), spread) for delay in delays])
+        good = size < 0.1 * size[len(delays) // 2]
+        if not good.any():
             continue
         least = delays[good][np.argmin(np.abs(delays[good]))]
         word = "late" if least > 0 else "early"
@@ -117,3 +116,11 @@ def lateness(
             )
         )
     return notices
+
+
+def _given_back(unit: np.ndarray, spread: np.ndarray) -> float:
+    """Rms over the lines of the power that a driving point gives back, beyond what its noise may explain.
+
+    unit : (line,) phase of the mobility   spread : (line,) two standard deviations of it
+    """
+    return float(np.sqrt(np.mean(np.maximum(-unit.real - spread, 0.0) ** 2)))
