@@ -11,6 +11,7 @@ import numpy as np
 
 from millcal.numerics.resting_line import RestingLine, resting_line, resting_line_beside
 
+RINGING = 1.5  # times what a force swings below zero may swing above it beside a pulse
 NORMAL = 1.349  # interquartile range of the unit normal distribution
 NORMAL_90 = 3.290  # its 5..95 % range
 
@@ -119,7 +120,8 @@ def second_pulse(pulse: np.ndarray, start: int, stop: int, noise: float) -> tupl
 
     Far from the pulse the mean over one pulse length is tested (some five standard deviations and 3 % of its mean);
     beside it, where both may be merged, a rise after a dip (six standard deviations and 5 % of the peak), smoothed over
-    a third of the pulse so that the ringing of an anti-alias filter is no pulse.
+    a third of the pulse so that the ringing of an anti-alias filter is no pulse. A hammer only pushes: what swings below
+    zero is ringing too, of a pulse that is short for the converter, and as much may swing above.
 
     pulse : (n,), along the hit and without its mean
     """
@@ -133,18 +135,20 @@ def second_pulse(pulse: np.ndarray, start: int, stop: int, noise: float) -> tupl
     if far.sum() > 2 * length:
         chance = np.sqrt(2.0 * np.log(100.0 * len(means)))  # standard deviations that noise passes once in 1000 records
         middle, scatter = noise_of(means[far][:: max(1, length // 8, len(means) // 2048)])
-        hit = far & (means - middle > max(chance * scatter, 0.03 * mean))
+        least = max(chance * scatter, 0.03 * mean)
+        hit = far & (means - middle > max(least, RINGING * _swing(means[far], middle, least)))
         if hit.any():
             at = int(np.argmax(np.where(hit, means, -np.inf)))
             where = np.flatnonzero(hit)
             found.append((float(means[at]) / mean, at - start, int(where[0]), int(where[-1]) + length))
-    width = max(1, length // 3)
+    width = max(2, length // 3)
     low, high = max(0, start - 2 * length), min(len(pulse), stop + 2 * length + width)
     if high - low > width:
         near = moving_mean(pulse[low:high], width)
         top = int(np.argmax(near))
         peak = float(near[top])
-        limit = max(6.0 * noise / np.sqrt(width), 0.05 * peak)
+        least = 6.0 * noise / np.sqrt(width)
+        limit = max(least, 0.05 * peak, RINGING * _swing(near, 0.0, least))
         for side, step in ((near[top:], 1), (near[top::-1], -1)):
             rise = side - np.minimum.accumulate(side)
             if rise.max() > limit:
@@ -156,6 +160,12 @@ def second_pulse(pulse: np.ndarray, start: int, stop: int, noise: float) -> tupl
     share, distance, *_ = max(found)
     first, last = min(start, *(f[2] for f in found)), max(stop, *(f[3] for f in found))
     return share, distance, max(0, first), min(len(pulse), last)
+
+
+def _swing(means: np.ndarray, middle: float, noise: float) -> float:
+    """How far below its middle a force goes, where that is more than noise."""
+    below = middle - float(means.min(initial=middle))
+    return below if below > noise else 0.0
 
 
 def pulse_crest(pulse: np.ndarray, onset: int, stop: int) -> float:
