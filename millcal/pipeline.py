@@ -191,7 +191,7 @@ def _modes(recipe: Recipe, results: dict[str, Any], progress: Progress, notices:
 
 
 def _dynamics(recipe: Recipe, results: Mapping[str, Any], notices: list[Notice]) -> Frf | Modes | None:
-    """What the map stands on: as the recipe says, else the FRF where nothing has bent it."""
+    """What the map stands on: as the recipe says, else what `advise` says."""
     frf, modes, wanted = results.get("frf"), results.get("modes"), recipe.stability.dynamics
     if frf is None or wanted == "modes":
         return modes

@@ -1,10 +1,11 @@
 """Which dynamics a stability map should stand on, where an FRF and the modes fitted to it are both at hand.
 
-The FRF as it was measured knows what no model does, so it goes first. Three things bend it, and its variance knows of none
-of them: an exponential window, a record that ended while the structure still rang, and lines too far apart to be joined by
-a curve. What windows and the records' ends took away is the difference between the fit as measured and the fit of the
-structure itself. Where that is more than the fit leaves unexplained, the modes are the better structure; where it is less,
-the FRF with that difference put back is.
+The FRF as it was measured knows what no model does, so it goes first where the modes miss any of it. Where they describe it
+to within its noise, they are the same structure without the noise, and the limit is known ten times better. Three things
+bend an FRF, and its variance knows of none of them: an exponential window, a record that ended while the structure still
+rang, and lines too far apart to be joined by a curve. What windows and the records' ends took away is the difference
+between the fit as measured and the fit of the structure itself. Where that is more than the fit leaves unexplained, the
+modes are the better structure; where it is less, the FRF with that difference put back is.
 """
 
 from typing import Literal, NamedTuple
@@ -15,6 +16,7 @@ from millcal.data import Frf, ModalFit, Modes
 from millcal.physics.structure import DERIVATIVES, convert_frf, convert_frf_variance, modal_receptance
 from millcal.stages.stability_tip import driving_points
 
+WITHIN = 1.3  # times the noise: the fit leaves no more than that
 BENT = 0.3  # times the noise: less is lost in it
 LINES = 4  # in the half-power width of a mode: with fewer, a cubic between them is a percent off
 WEAK = 0.1  # share of the highest resonance at the tip below which a mode's width does not matter
@@ -44,6 +46,8 @@ def advise(frf: Frf, modes: Modes) -> Advice:
         why = "the records of the FRF ended before the structure came to rest"
     elif coarse:
         why = f"the lines of the FRF, {spacing:.3g} Hz apart, are too few for a mode {width:.3g} Hz wide"
+    elif left < WITHIN * noise:
+        return Advice("modes", "the modes describe the FRF to within its noise")
     else:
         return Advice("frf")
     return Advice("modes" if coarse or lost > left else "corrected", why)

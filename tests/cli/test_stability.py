@@ -221,7 +221,7 @@ CASE = Path(os.environ.get("MILLCAL_REFERENCE_DATA", "")) / "cases" / "frf" / "0
 
 @pytest.mark.skipif(not CASE.is_dir(), reason="reference data are absent: MILLCAL_REFERENCE_DATA names their folder")
 def test_an_impact_test_with_known_truth_gives_the_limit_of_the_truth(run, tmp_path, capsys):
-    """From noisy hits to the map: within 0.5 % at half of the speeds, 3 % at nineteen of twenty, the band mostly right."""
+    """From noisy lines to the map: within 0.5 % at half of the speeds, 3.5 % at nineteen of twenty, the band mostly right."""
     with pytest.raises(SystemExit):
         main(["frf", *(str(CASE / f"tap_tip{axis}.h5") for axis in "XYZ"), "-o", "frf.h5", "--quiet"])
     capsys.readouterr()
@@ -257,5 +257,5 @@ def test_an_impact_test_with_known_truth_gives_the_limit_of_the_truth(run, tmp_p
     measured, true = maps
     error = np.abs(measured.limit_depth / true.limit_depth - 1)
     assert np.median(error) < 0.005
-    assert np.quantile(error, 0.95) < 0.03
+    assert np.quantile(error, 0.95) < 0.035
     assert np.mean((measured.limit_low <= true.limit_depth) & (true.limit_depth <= measured.limit_high)) > 0.85

@@ -333,7 +333,9 @@ def test_what_the_records_ends_took_away_decides_between_the_corrected_frf_and_i
         assert advice.dynamics == advised
         assert "before the structure came to rest" in advice.why
     hidden = replace(modes.fit, modelled=modes.fit.synthesised - 1e-6 * lost)
-    assert advise(frf, replace(modes, fit=hidden)).dynamics == "frf"
+    assert advise(frf, replace(modes, fit=hidden)) == ("modes", "the modes describe the FRF to within its noise")
+    missed = replace(hidden, measured=modes.fit.measured + misfit)
+    assert advise(frf, replace(modes, fit=missed)) == ("frf", "")
     assert "exponential window" in advise(replace(frf, damping_shift=20.0), modes).why
 
 
