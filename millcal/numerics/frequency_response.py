@@ -147,8 +147,9 @@ def condition(Sff: np.ndarray) -> float:
 def predicted(force: np.ndarray, response: np.ndarray) -> np.ndarray:
     """What the other hits say that the response of each should be.
 
-    For one input by the median over the hits, real and imaginary part apart, which some odd hits do not move; for several
-    by least squares over the other hits, found from the residuals of all of them and their leverage.
+    For one input by the median over the hits, real and imaginary part apart, which some odd hits do not move. For several by
+    least squares, with the residuals brought to the size that each has by its own noise alone: a hit that stands alone in
+    its direction is nearly explained by itself.
 
     force : (hit, input, frequency) complex   response : (hit, output, frequency) complex   returns as response
     """
@@ -160,7 +161,7 @@ def predicted(force: np.ndarray, response: np.ndarray) -> np.ndarray:
     Q = np.linalg.qr(F)[0]
     fitted = Q @ (Q.conj().transpose(0, 2, 1) @ X)
     leverage = np.sum(np.abs(Q) ** 2, axis=2)[:, :, None]
-    return (X - (X - fitted) / np.maximum(1.0 - leverage, 1e-6)).transpose(1, 2, 0)
+    return (X - (X - fitted) / np.sqrt(np.maximum(1.0 - leverage, 1e-6))).transpose(1, 2, 0)
 
 
 def deviation(actual: np.ndarray, expected: np.ndarray) -> np.ndarray:

@@ -10,10 +10,13 @@ from millcal.numerics.impact_hits import moving_mean, runs
 from millcal.numerics.impact_windows import flank
 
 STUCK = 8  # equal samples, at least
+AGAIN = 5  # times that a decay reaches one extreme before it is cut off there
+SMALL = 1e-3  # of the largest value, below which nothing that is lost does harm
+NEAR = 48  # samples on either side that a stretch of zeros is judged by
 PIECE = 3  # blocks over which the level of a decay is averaged
 BUMP = 3.0  # times the power of the other hits
 JUMP = 6.0  # times the power of all that was not explained before
-ALONE = 12.0  # times the power of all that was before, where no other hits can be compared
+ALONE = 12.0  # times the power of what was before, where no other hits can be compared
 LATE = 2  # blocks that are looked at, at least
 
 
@@ -23,7 +26,7 @@ def is_flat_topped(samples: np.ndarray, least: int = 3) -> bool:
     A rounded peak too may stay some samples on one count of the converter, but then its neighbours are within two counts
     (parabola); here more than four are asked for on both sides. Noise may put three to five samples on one count by
     chance, so that so short a top must also stand clear of the noise. A decay that is cut off reaches the same extreme
-    again and again, if only for a sample each time; a rounded one never does.   samples : (n,)
+    again and again, if only for a sample each time; a rounded one does so two or three times at most.   samples : (n,)
     """
     for extreme in (samples.max(), samples.min()):
         at_extreme = samples == extreme
@@ -41,8 +44,8 @@ def is_flat_topped(samples: np.ndarray, least: int = 3) -> bool:
             drop = min(abs(extreme - samples[a - 1]), abs(extreme - samples[b]))
             if drop <= 4.0 * count or (b - a <= 5 and drop <= 5.0 * noise):
                 continue
-            clear += 1
-            if b - a >= least or clear >= least:
+            clear += drop > 20.0 * noise
+            if b - a >= least or clear >= AGAIN:
                 return True
     return False
 
@@ -65,8 +68,8 @@ def frozen(samples: np.ndarray, noise: np.ndarray) -> list[tuple[int, int, int]]
     """Where channels stand still while they should move: samples lost and filled with zeros, or one value held.
 
     Eight equal samples or more count where the samples on both sides differ from each other far too often for that to be
-    chance; what begins or ends the record must jump as well, because a noise-free record rests at its ends. Fewer zeros
-    count where they interrupt a signal: a sound one passes zero in steps.
+    chance, by more than one count of the converter; what begins or ends the record must jump as well, because a noise-free
+    record rests at its ends. Fewer zeros count where the samples about them let expect something else.
 
     samples : (channel, n)   noise : (channel,) standard deviation   returns (channel, first, after last)
     """
@@ -75,7 +78,7 @@ def frozen(samples: np.ndarray, noise: np.ndarray) -> list[tuple[int, int, int]]
     four = two[:, 2:] & two[:, :-2]
     seven = four[:, 3:] & four[:, :-3]
     large = np.abs(samples) > 6.0 * noise[:, None]
-    dropped = (samples[:, 1:] == 0) & large[:, :-1]
+    dropped = (samples[:, 1:-1] == 0) & (large[:, :-2] | large[:, 2:])
     found = []
     for row in np.flatnonzero(seven.any(axis=1) | dropped.any(axis=1)):
         stretches = _stuck(samples[row], same[row]) if seven[row].any() else []
@@ -97,39 +100,65 @@ def _stuck(samples: np.ndarray, same: np.ndarray) -> list[tuple[int, int]]:
         b = int(stop) + 1  # samples a..b are equal
         if b - a < STUCK or samples[a] in (samples.max(), samples.min()):
             continue  # the extremes are the overload's
-        width = min(4096, max(32, 4 * (b - a)))
-        sides = (same[max(0, a - 1 - width) : max(0, a - 1)], same[b : b + width])
-        chances = [(np.count_nonzero(side) + 1) / (len(side) + 2) for side in sides if len(side) >= 8]
-        if not chances or n * max(chances) ** (b - a - 1) > 1e-3:
+        steps = []
+        for width in (max(64, 4 * (b - a)), 512):
+            width = min(width, 4096)
+            steps += [np.abs(np.diff(samples[max(0, a - width) : a])), np.abs(np.diff(samples[b : b + width]))]
+        steps = [side for side in steps if len(side) >= STUCK]
+        if not steps:
+            continue
+        count = min(side[side > 0].min(initial=np.inf) for side in steps)
+        if min(side.mean() for side in steps) < 1.5 * count:
+            continue  # a converter at rest
+        chance = max((np.count_nonzero(side == 0) + 1) / (len(side) + 2) for side in steps)
+        if n * chance ** (b - a - 1) > 1e-4:
             continue
         if (a == 0 or b == n) and not _jumps(samples, int(a), b):
-            continue
+            continue  # a record without noise rests at its ends
         found.append((int(a), b))
     return found
 
 
 def _jumps(samples: np.ndarray, a: int, b: int) -> bool:
-    """Whether a stretch at an end of the record is left with a step larger than those that follow."""
+    """Whether a stretch at an end of the record is left with a step larger than those beside it.
+
+    What begins there rises from rest, and so in steps that grow; what ends there has come down to any height.
+    """
     beside = samples[b : b + 32] if a == 0 else samples[max(0, a - 32) : a][::-1]
     steps = np.abs(np.diff(beside))
-    return len(steps) >= 8 and bool(abs(beside[0] - samples[a]) > 5.0 * np.sqrt(np.mean(steps**2)))
+    if len(steps) < STUCK:
+        return False
+    usual = max((5.0 if a == 0 else 1.5) * float(np.sqrt(np.mean(steps**2))), SMALL * float(np.abs(samples).max()))
+    return abs(float(beside[0] - samples[a])) > usual
 
 
 def _zeros(samples: np.ndarray, noise: float) -> list[tuple[int, int]]:
-    """Short stretches of exact zeros in the midst of a signal.   samples : (n,)"""
-    found = []
+    """Short stretches of exact zeros in the midst of a signal.   samples : (n,)
+
+    What should be in the middle of the stretch is the cubic through two samples on either side; it counts as missing when it
+    is ten times as large as the same cubic errs elsewhere near by, which it does a lot where the signal is fast.
+    """
+    n, found = len(samples), []
     at_zero = runs(samples == 0)
-    for a, b in at_zero[
-        (at_zero[:, 0] >= 2) & (at_zero[:, 1] <= len(samples) - 2) & (at_zero[:, 1] < at_zero[:, 0] + STUCK)
-    ]:
-        near = float(np.abs(samples[max(0, a - 16) : b + 16]).max())
-        limit = 6.0 * noise + 0.3 * near
-        left, right = samples[a - 1], samples[b]
-        if b - a == 1:  # what the neighbours say that it should be
-            missing = abs(4.0 * (left + right) - samples[a - 2] - samples[b + 1]) / 6.0 > limit
-        else:  # two zeros in a row belong to a slow signal, whose neighbours are small as well
-            missing = max(abs(left), abs(right)) > limit
-        if missing:
+    for a, b in at_zero[at_zero[:, 1] < at_zero[:, 0] + STUCK]:
+        size = int(b - a)
+        if a < 2 or b > n - 2:
+            continue
+        at = np.array([-2, -1, size, size + 1])
+        middle = (size - 1) // 2
+        others = [np.delete(at, k) for k in range(4)]
+        cubic = np.array([np.prod((middle - rest) / (x - rest)) for x, rest in zip(at, others, strict=True)])
+        starts = np.concatenate(
+            [np.arange(max(2, a - NEAR), a - size - 2), np.arange(b + 2, min(b + NEAR, n - size - 2))]
+        )
+        if len(starts) < 2 * STUCK:
+            continue
+        errs = samples[starts[:, None] + at] @ cubic - samples[starts + middle]
+        missing = abs(float(samples[a + at] @ cubic))
+        near = float(np.abs(samples[max(0, a - 16) : b + 16]).max())  # where a signal begins, it is small beside this
+        steps = np.abs(np.diff(samples[max(0, a - NEAR) : b + NEAR]))
+        count = float(steps[steps > 0].min(initial=np.inf))
+        if missing > max(10.0 * float(np.sqrt(np.mean(errs**2))), 10.0 * noise, 0.3 * near, 5.0 * count):
             found.append((int(a), int(b)))
     return found
 
@@ -139,8 +168,8 @@ def late_bumps(power: np.ndarray, peak: np.ndarray, noise: np.ndarray, begin: in
 
     From three hits on, each is compared with the median of all, scaled by what it has of it: three times the power is
     asked for (and more where the decay is far down, since damping differs a little from hit to hit), clear of the noise.
-    Of one or two, the level must rise twelve times above all that went before in the last three quarters of the time since
-    the hit: a beat, which rises as well, has been about as high a period ago.
+    Of one or two, the level must rise twelve times above all of the last quarter of the time since the hit, and above the
+    straight line in decibels through the last three: a beat rises as well, but to where it has been before.
 
     power : (hit, output, block) mean square, nan where a record has ended   peak : (hit,) force
     noise : (hit, output) standard deviation   begin : first block without force
@@ -157,10 +186,26 @@ def late_bumps(power: np.ndarray, peak: np.ndarray, noise: np.ndarray, begin: in
         if hits >= 3:
             risen[:, o] = _above_usual(level[:, o], measured, peak, floor)
         else:
-            risen[:, o] = _above_before(level[:, o] > ALONE * floor, level[:, o], begin, ALONE)
+            risen[:, o] = _above_trend(level[:, o], floor, begin)
         risen[:, o] &= measured
     risen[:, :, :begin] = False
     return _first_rises(risen, level)
+
+
+def _above_trend(level: np.ndarray, floor: np.ndarray, begin: int) -> np.ndarray:
+    """Where a hit's level rises above its own trend.   level : (hit, block)   floor : (hit, 1)"""
+    found = np.zeros(level.shape, bool)
+    for k in range(begin + 4 * PIECE, level.shape[1]):
+        recent = level[:, begin + 3 * (k - begin) // 4 : k - PIECE + 1]
+        high = level[:, k] > ALONE * np.maximum(recent.max(axis=1), floor[:, 0])
+        if not high.any():
+            continue
+        before = np.log(np.maximum(level[high, begin + (k - begin) // 4 : k - PIECE + 1], 0.1 * floor[high] + 1e-300))
+        at = np.arange(before.shape[1]) - 0.5 * (before.shape[1] - 1)
+        slope = np.minimum(before @ at / (at @ at), 0.0)
+        trend = before.mean(axis=1) + slope * (at[-1] + PIECE)
+        found[high, k] = np.log(level[high, k]) > trend + np.log(ALONE)
+    return found
 
 
 def _above_usual(level: np.ndarray, measured: np.ndarray, peak: np.ndarray, floor: np.ndarray) -> np.ndarray:
@@ -173,7 +218,7 @@ def _above_usual(level: np.ndarray, measured: np.ndarray, peak: np.ndarray, floo
     scaled = np.where(clear, scaled / np.maximum(usual, 1e-300), np.nan)
     known = clear.any(axis=1)
     own = np.ones(len(level))
-    own[known] = np.nanmedian(scaled[known], axis=1)
+    own[known] = np.clip(np.nanpercentile(scaled[known], 25, axis=1), 0.5, 2.0)  # a bump is in all that follows it
     down = np.maximum(usual.max() / np.maximum(usual, 1e-300), 1.0)
     expected = usual * down**0.1 * (own * peak**2)[:, None]
     return level > BUMP * expected + 3.0 * floor

@@ -134,7 +134,7 @@ def second_pulse(pulse: np.ndarray, start: int, stop: int, noise: float) -> tupl
     far = (index + length <= start - gap) | (index >= stop + gap)
     if far.sum() > 2 * length:
         chance = np.sqrt(2.0 * np.log(100.0 * len(means)))  # standard deviations that noise passes once in 1000 records
-        middle, scatter = noise_of(means[far][:: max(1, length // 8, len(means) // 2048)])
+        middle, scatter = map(float, noise_of(means[far][:: max(1, length // 8, len(means) // 2048)]))
         least = max(chance * scatter, 0.03 * mean)
         hit = far & (means - middle > max(least, RINGING * _swing(means[far], middle, least)))
         if hit.any():

@@ -68,8 +68,8 @@ def resting_line(
 def resting_line_beside(
     samples: np.ndarray, gap: tuple[int, int], reference: int, size: np.ndarray
 ) -> tuple[RestingLine, np.ndarray]:
-    """Rest of channels that are at rest before and after a gap: the hammer. Where it bends, the line through the pieces
-    next to the gap counts, and `bend` is how far apart these are.
+    """Rest of channels that are at rest before and after a gap: the hammer. Where it bends, the line through what is right
+    beside the gap counts, and `bend` is the step across.
 
     samples : (channel, n)   gap : first and after-last sample that is not at rest   returns line, standard deviation
     """
@@ -80,34 +80,58 @@ def resting_line_beside(
         return RestingLine(nothing, nothing, reference, nothing, nothing), np.full(len(samples), np.nan)
     count = low + n - high
     mean = (left.sum(axis=1) + right.sum(axis=1)) / count
-    piece = max(FEWEST // 2, count // (2 * PIECES))
-    k, m = low // piece, (n - high) // piece
-    means = np.concatenate(
-        [
-            left[:, low - k * piece :].reshape(len(samples), k, piece).mean(axis=2),
-            right[:, : m * piece].reshape(len(samples), m, piece).mean(axis=2),
-        ],
-        axis=1,
-    )
-    starts = np.concatenate([low - piece * (k - np.arange(k)), high + piece * np.arange(m)])
-    times = starts + 0.5 * (piece - 1)
     variance = (_squares(left, mean) + _squares(right, mean)) / count
     noise = np.sqrt(variance)
-    if k + m < 4:
+    sides = [_pieces(left, 0), _pieces(right, high)]
+    times, counts, means = (np.concatenate([side[i] for side in sides], axis=-1) for i in range(3))
+    if len(times) < 4:
         nothing = np.zeros(len(samples))
         return RestingLine(mean, nothing, reference, nothing, nothing), noise
-    within = np.maximum(variance - means.var(axis=1), 0.0)
-    value, slope, bend = _line(times, np.full(k + m, float(piece)), means, within, reference, n, size)
-    if (bend > 0).any() and k and m:
-        step = means[:, k] - means[:, k - 1]
-        local = step / (times[k] - times[k - 1])
-        here = means[:, k - 1] + local * (reference - times[k - 1])
-        slope, value = np.where(bend > 0, local, slope), np.where(bend > 0, here, value)
-        bend = np.where(bend > 0, np.abs(step), 0.0)
-    line = RestingLine(np.where(slope != 0, value, mean), slope, reference, slope * n, bend)
-    if slope.any():
-        noise = np.where(slope != 0, np.sqrt(within), noise)
-    return line, noise
+    within = np.maximum(variance - (means - mean[:, None]) ** 2 @ counts / counts.sum(), 0.0)
+    value, slope, bend = _line(times, counts, means, within, reference, n, size)
+    if (bend > 0).any():
+        value, slope, bend = _local(samples, gap, reference, value, slope, bend)
+    drifts = (slope != 0) & (bend == 0)
+    line = RestingLine(
+        np.where(drifts | (bend > 0), value, mean), slope, reference, np.where(drifts, slope * n, 0.0), bend
+    )
+    if drifts.any():
+        off = np.concatenate([left - line.over(0, low), right - line.over(high, n)], axis=1)
+        noise = np.where(drifts, off.std(axis=1), noise)
+    return line, np.where(bend > 0, np.sqrt(within), noise)
+
+
+def _pieces(side: np.ndarray, start: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Middles, counts and means of the pieces of one side.   side : (channel, n)   returns (piece,), (piece,), (channel, piece)"""
+    number = min(PIECES, side.shape[1] // (FEWEST // 2))
+    if not number:
+        return np.zeros(0), np.zeros(0), np.zeros((len(side), 0))
+    size = side.shape[1] // number
+    means = side[:, : number * size].reshape(len(side), number, size).mean(axis=2)
+    return start + size * np.arange(number) + 0.5 * (size - 1), np.full(number, float(size)), means
+
+
+def _local(
+    samples: np.ndarray, gap: tuple[int, int], reference: int, value: np.ndarray, slope: np.ndarray, bend: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Value, slope and bend of the channels that bend by what is right beside the gap; the others stay.
+
+    The bend is then the step across the gap, which no sound channel has.
+    """
+    low, high = gap
+    width = max(FEWEST // 2, high - low)
+    before, after = samples[:, max(0, low - width) : low], samples[:, high : high + width]
+    if min(before.shape[1], after.shape[1]) < FEWEST // 2:
+        one = before if before.shape[1] > after.shape[1] else after
+        return np.where(bend > 0, one.mean(axis=1), value), np.where(bend > 0, 0.0, slope), bend
+    first, last = low - 0.5 * (before.shape[1] + 1), high + 0.5 * (after.shape[1] - 1)
+    step = after.mean(axis=1) - before.mean(axis=1)
+    here = before.mean(axis=1) + step * (reference - first) / (last - first)
+    return (
+        np.where(bend > 0, here, value),
+        np.where(bend > 0, step / (last - first), slope),
+        np.where(bend > 0, np.maximum(np.abs(step), 1e-300), bend),
+    )
 
 
 def _squares(samples: np.ndarray, mean: np.ndarray) -> np.ndarray:

@@ -82,7 +82,7 @@ def lateness(
 
     The real part of the mobility of a driving point is not negative, so the phase stays within a right angle, and near
     it between the resonances of little damping. The least delay, late or early, that brings it back there is told, where
-    one does: the part that breaks the bound beyond two standard deviations must fall to a tenth.
+    one does: the part that breaks the bound beyond three standard deviations must fall to a tenth.
     """
     inside = np.flatnonzero((frequency >= band[0]) & (frequency <= band[1]) & (frequency > 0))
     inside = inside[:: max(1, len(inside) // 1024)]
@@ -93,12 +93,12 @@ def lateness(
         row, column = outputs.index(dof), inputs.index(dof)
         H, sd = values[inside, row, column], np.sqrt(variance[inside, row, column])
         sd = np.where(np.isfinite(sd), sd, 0.05 * np.abs(H))
-        clear = np.abs(H) > 5.0 * sd
+        clear = np.abs(H) > 10.0 * sd
         if clear.sum() < 32:
             continue
         f = frequency[inside][clear]
         Y = convert_frf(f, H[clear], measured[row], "mobility")
-        unit, spread = Y / np.abs(Y), 2.0 * sd[clear] / np.abs(H[clear])
+        unit, spread = Y / np.abs(Y), 3.0 * sd[clear] / np.abs(H[clear])
         if _given_back(unit, spread) < LATE:
             continue
         delays = np.linspace(-0.25 / f[-1], 0.25 / f[-1], 201)
@@ -121,6 +121,6 @@ def lateness(
 def _given_back(unit: np.ndarray, spread: np.ndarray) -> float:
     """Rms over the lines of the power that a driving point gives back, beyond what its noise may explain.
 
-    unit : (line,) phase of the mobility   spread : (line,) two standard deviations of it
+    unit : (line,) phase of the mobility   spread : (line,) three standard deviations of it
     """
     return float(np.sqrt(np.mean(np.maximum(-unit.real - spread, 0.0) ** 2)))

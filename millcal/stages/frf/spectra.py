@@ -10,6 +10,7 @@ from millcal.numerics.impact_windows import gate_hit
 from millcal.stages.frf.taps import Tap
 
 ODD = 0.1  # deviation of a response from the other hits' that is asked for at least
+SLIGHT = 0.02  # the same where the others agree
 LINES = 256  # that hits are compared on
 SHIFT = 0.1  # samples by which a response must be late to be moved
 BETTER = 0.7  # of the deviation that may be left when it is moved
@@ -84,9 +85,10 @@ def _take_off(tap: Tap, hit: int, points: int, damping: float) -> None:
 def compare(tap: Tap, points: int, damping: float, kept: set) -> None:
     """Leave out hits whose response is not that of the others: another point, another direction, something loose.
 
-    The response of each is compared with what the others let expect, where the force is within 20 dB of its largest; 10 %
-    and five times the usual deviation are asked for. Where the response is the others' but for a delay, as by a late
-    trigger, it is moved; the sensors of one hit must then agree on the delay, or have none.
+    The response of each is compared with what the others let expect, where the force is within 20 dB of its largest; 10 %,
+    five times the usual deviation and four times that of the noise are asked for. Less is enough where five hits or more
+    agree so well that it is ten times the usual. Where the response is the others' but for a delay, as by a late trigger,
+    it is moved; the sensors of one hit must then agree on the delay, or have none.
     """
     if len(tap.used()) < max(3, len(tap.forces) + 2):
         return
@@ -107,10 +109,14 @@ def compare(tap: Tap, points: int, damping: float, kept: set) -> None:
                 force, response, frequency = _lines(tap, used, points)
                 expected = predicted(force, response)
                 found = deviation(response, expected)
-        limit = max(ODD, 5.0 * float(np.median(found)))
-        order = np.argsort(found)[::-1]
+        noisy = [np.sqrt(np.sum(tap.noise[hit][1]) / _power(response[k])) for k, hit in enumerate(used)]
+        middle = float(np.median(found))
+        limit = np.maximum(max(ODD, 5.0 * middle), 4.0 * np.array(noisy))
+        if len(used) >= 5:
+            limit = np.minimum(limit, max(SLIGHT, 10.0 * middle))
+        order = np.argsort(found / limit)[::-1]
         # several inputs have no median: the worst goes first, since it bends what is expected of the others
-        odd = [used[k] for k in order[: len(order) if len(tap.forces) == 1 else 1] if found[k] > limit]
+        odd = [used[k] for k in order[: len(order) if len(tap.forces) == 1 else 1] if found[k] > limit[k]]
         for hit in odd:
             value = found[used.index(hit)]
             tap.reasons[hit].append(f"inconsistent: response {100 * value:.0f} % off the other hits")
@@ -120,6 +126,11 @@ def compare(tap: Tap, points: int, damping: float, kept: set) -> None:
         if len(tap.forces) == 1 or not odd or len(tap.used()) < len(tap.forces) + 2 or tap.accepted[odd[0]]:
             break
     _judge_residuals(tap, points, damping, kept)
+
+
+def _power(response: np.ndarray) -> float:
+    """Power of a hit, mean over the lines and sum over the outputs.   response : (output, line)"""
+    return max(float(np.sum(np.mean(np.abs(response) ** 2, axis=1))), 1e-300)
 
 
 def _judge_residuals(tap: Tap, points: int, damping: float, kept: set) -> None:

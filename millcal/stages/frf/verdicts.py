@@ -129,12 +129,15 @@ def _judge_late_bumps(tap: Tap, sound: list[int]) -> None:
     surveys = [tap.surveys[hit] for hit in sound]
     rate = tap.recording.sample_rate
     begin = max(-(-(s.last - s.onset + 16 + s.stop - s.onset) // tap.block) for s in surveys) + 1
-    found = late_bumps(
+    data = (
         stacked_power(surveys),
         np.array([s.peak for s in surveys]),
         np.array([s.response_noise for s in surveys]),
-        begin,
     )
+    if len(tap.forces) == 1:
+        found = late_bumps(*data, begin)
+    else:  # hits in different directions have different decays
+        found = [late_bumps(*(part[k : k + 1] for part in data), begin)[0] for k in range(len(sound))]
     end = (1 + FALL) * float(tap.decay.max())
     for hit, bump in zip(sound, found, strict=True):
         if bump is None:
