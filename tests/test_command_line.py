@@ -183,3 +183,18 @@ def test_every_recipe_key_is_explained_in_the_schema_and_named_in_the_readme():
                     seen.add(visit)
                     queue.append((f"{place}{key}.", schema["$defs"][name]))
     assert (unexplained, unnamed) == ([], [])
+
+
+@pytest.mark.parametrize("command", ["frf", "ingest", "export", "modes", "identify"])
+def test_no_command_writes_over_what_it_reads(command, tmp_path, capsys):
+    """Not by its own name, and not by a link to it."""
+    recording = tmp_path / "tap.h5"
+    recording.write_bytes(b"not read before the names are checked")
+    link = tmp_path / "link.h5"
+    link.symlink_to(recording)
+    for out in (recording, link):
+        with pytest.raises(SystemExit) as ended:
+            main([command, str(recording), "-o", str(out)])
+        assert ended.value.code == 2
+        assert "would be written over" in capsys.readouterr().err
+    assert recording.read_bytes().startswith(b"not read")

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from millcal.cli.speak import Json, NoSeed, Quiet, reply
+from millcal.cli.speak import Json, NoSeed, Quiet, check_files, reply
 
 
 def export(
@@ -56,6 +56,7 @@ def export(
 
     Example: millcal export x.frf y.frf --response tipX --response tipY --hammer tipX --hammer tipY -o tip.h5
     """
+    check_files(files, [out])
     from millcal.io.frf_files import converted, read_frf, write_frf
     from millcal.io.provenance import provenance
     from millcal.io.readable import text_of

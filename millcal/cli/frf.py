@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from millcal.cli.speak import Json, Quiet, Seed, keep_and_reply, pairs, progress_bar
+from millcal.cli.speak import Json, Quiet, Seed, check_files, keep_and_reply, pairs, progress_bar
 
 
 def frf(
@@ -79,6 +79,7 @@ def frf(
 
     Example: millcal frf tap_x.h5 tap_y.h5 -o frf.h5
     """
+    check_files([*recordings, setup], [out])
     from millcal.io.recipes import read_setup
     from millcal.io.recordings import read_recording
     from millcal.stages.frf import estimate_frf

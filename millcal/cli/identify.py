@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from millcal.cli.speak import Json, NoSeed, Quiet, keep_and_reply, pairs, progress_bar
+from millcal.cli.speak import Json, NoSeed, Quiet, check_files, keep_and_reply, pairs, progress_bar
 
 METHODS = ("nls", "average")  # those of the stage, which --help must not import; a test keeps them equal
 LAWS = ("linear-edge", "kienzle")
@@ -72,6 +72,7 @@ def identify(
     if feed_per_tooth_mm and min(feed_per_tooth_mm) <= 0:
         raise typer.BadParameter("a feed per tooth is above zero", param_hint="--feed-per-tooth-mm")
 
+    check_files([*recordings, setup, sensor], [output], once=False)
     from millcal.data import Frf
     from millcal.errors import RecipeError
     from millcal.io.recipes import read_setup

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from millcal.cli.speak import Json, NoSeed, Quiet, pairs, progress_bar, reply
+from millcal.cli.speak import Json, NoSeed, Quiet, check_files, pairs, progress_bar, reply
 
 
 def ingest(
@@ -54,6 +54,7 @@ def ingest(
 
     Example: millcal ingest cut.csv -o cut.h5 --map fx=+Fy --map fy=+Fx --map fz=+Fz
     """
+    check_files([*files, setup], [out], once=False)
     from dataclasses import replace
 
     import numpy as np

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from millcal.cli.speak import Json, NoSeed, Quiet, keep_and_reply, progress_bar
+from millcal.cli.speak import Json, NoSeed, Quiet, check_files, keep_and_reply, progress_bar
 
 
 def modes(
@@ -72,16 +72,17 @@ def modes(
         raise typer.BadParameter(
             f"--band {band[0]:g} {band[1]:g} is no range; give the lowest frequency, then the highest"
         )
-    written = [path.resolve() for path in (out, corrected) if path is not None]
-    if len({*written, *(path.resolve() for path in files)}) < len(written) + len(files):
-        raise typer.BadParameter("one file is named twice; name another one to write")
+    if count is not None and len(known) > count:
+        raise typer.BadParameter(f"--modes {count} is less than the {len(known)} frequencies of --near; leave one out")
+    check_files(files, [out, corrected])
 
     from millcal.io.frf_files import read_frf, write_frf
     from millcal.io.provenance import provenance
     from millcal.stages.modes import corrected_frf, fit_modes
 
     frf = read_frf(files, form=form, unit=unit, outputs=response, inputs=hammer, conjugate=conjugate)
-    told = [] if all(path.suffix.lower() in (".h5", ".hdf5") for path in files) else list(frf.notices)
+    ours = all(path.suffix.lower() in (".h5", ".hdf5") for path in files)  # their notices were told when they were made
+    told = [notice for notice in frf.notices if not ours or notice.code == "form-overruled"]
     with progress_bar(quiet) as progress:
         found = fit_modes(
             frf,

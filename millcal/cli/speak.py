@@ -100,6 +100,22 @@ def _grouped(notices: Iterable) -> list[str]:
     return lines
 
 
+def check_files(read: Iterable[Path | None], written: Iterable[Path | None], *, once: bool = True) -> None:
+    """Refuse to write over what is read, also by another name of it, and to write or (`once`) read one file twice."""
+    inputs = [path for path in read if path is not None]
+    outputs = [path for path in written if path is not None]
+    for number, path in enumerate(inputs):
+        if once and any(_same(path, other) for other in inputs[:number]):
+            raise typer.BadParameter(f"{path} is read twice; name each file once")
+    for number, path in enumerate(outputs):
+        if any(_same(path, other) for other in [*inputs, *outputs[:number]]):
+            raise typer.BadParameter(f"{path} would be written over; name another file for the result", param_hint="-o")
+
+
+def _same(one: Path, other: Path) -> bool:
+    return one.resolve() == other.resolve() or (one.exists() and other.exists() and one.samefile(other))
+
+
 def pairs(items: Iterable[str] | None, option: str) -> dict[str, str]:
     """Options such as `--map fx=+Fy --map fy=+Fx` as a dict."""
     found = {}

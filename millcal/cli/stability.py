@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from millcal.cli.speak import Json, Quiet, Seed, keep_and_reply, progress_bar
+from millcal.cli.speak import Json, Quiet, Seed, check_files, keep_and_reply, progress_bar
 
 METHODS = ("zoa",)  # those of the stage, which --help must not import; a test keeps them equal
 
@@ -63,6 +63,7 @@ def stability(
     _choice("--direction", direction, (None, "up", "down", "slot"))
     _choice("--rigid", rigid, ("", "x", "y"))
 
+    check_files([coefficients, frf, modes, setup], [output])
     import numpy as np
 
     from millcal.stages.stability import map_stability

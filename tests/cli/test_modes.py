@@ -176,7 +176,7 @@ def test_the_modes_go_on_to_a_map_with_a_band(run, frf_file, tmp_path):
         (["--near", "650,abc"], "'abc' is no frequency in Hz"),
         (["--band", "900", "300"], "--band 900 300 is no range"),
         (["--modes", "0"], "--modes"),
-        (["--corrected", "modes.h5"], "named twice"),
+        (["--corrected", "modes.h5"], "written over"),
     ],
 )
 def test_a_call_that_cannot_be_meant_is_one_line_and_exit_code_2(arguments, words, run, frf_file, tmp_path):
