@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from millcal.numerics.jackknife import student_quantile
-from millcal.physics.modal_constants import Constant, Estimate, driving_constants, interval, interval_of_constant, mode_shapes
+from millcal.physics.modal_constants import (
+    Constant,
+    Estimate,
+    driving_constants,
+    interval,
+    interval_of_constant,
+    mode_shapes,
+)
 from millcal.physics.shaped_modes import ShapedMode, receptance_between
 
 FREQUENCY, DAMPING, STIFFNESS = np.array([60.0, 650.0, 2100.0]), np.array([0.1, 0.03, 0.002]), np.array([4e5, 2e7, 8e7])

@@ -25,8 +25,11 @@ from millcal.numerics.frequency_response import ESTIMATORS
 from millcal.physics.structure import DERIVATIVES
 from millcal.stages.frf.assembly import assemble
 from millcal.stages.frf.spectra import compare, sum_up
-from millcal.stages.frf.taps import Tap, open_taps, survey_tap
+from millcal.stages.frf.taps import LONGEST, SHORTEST, Tap, open_taps, survey_tap
 from millcal.stages.frf.verdicts import judge, named_hits
+
+MOST_POINTS = 16 * LONGEST  # of a transform
+LATEST = 0.01  # s that a channel may be late
 
 
 def estimate_frf(
@@ -79,6 +82,7 @@ def estimate_frf(
                 f"{recording.name}: sampled at {recording.sample_rate:g} Hz, {recordings[0].name} at {rate:g} Hz; "
                 "recordings of one FRF need one rate"
             )
+    _check_times(rate, record_length, resolution, delays or {})
     taps = open_taps(recordings, form, delays or {}, flip)
     _check_one_kind(taps)
     sizes = np.array([recording.samples.shape[1] for recording in recordings], float)
@@ -92,6 +96,8 @@ def estimate_frf(
             lambda share, low=low, high=high, label=label: report(0.7 * (low + share * (high - low)), label),
         )
     kept, dropped = named_hits(taps, keep, "keep"), named_hits(taps, drop, "drop")
+    if kept & dropped:
+        raise RecordingError("keep and drop: one hit is in both; name it in one of them")
     for tap in taps:
         judge(tap, weak, allow_double, kept, dropped)
     points = _points(taps, rate, resolution)
@@ -107,6 +113,26 @@ def estimate_frf(
         compare(tap, points, damping, kept)
     report(0.95, "frequency response")
     return assemble(taps, points, rate, estimator, form, damping * rate)
+
+
+def _check_times(
+    rate: float, record_length: float | None, resolution: float | None, delays: Mapping[str, float]
+) -> None:
+    """Refuse lengths, spacings and delays that no impact test has."""
+    if record_length is not None and not SHORTEST / rate <= record_length <= LONGEST / rate:
+        raise IllPosedError(
+            f"record_length {record_length:g} s: a hit has {SHORTEST} to {LONGEST} samples; give {SHORTEST / rate:.2g} to "
+            f"{LONGEST / rate:.2g} s"
+        )
+    if resolution is not None and not rate / MOST_POINTS <= resolution <= rate / SHORTEST:
+        raise IllPosedError(
+            f"resolution {resolution:g} Hz: give {rate / MOST_POINTS:.2g} to {rate / SHORTEST:.4g} Hz at this sample rate"
+        )
+    for name, delay in delays.items():
+        if not abs(delay) <= LATEST:
+            raise IllPosedError(
+                f"delay {name}={delay:g}: no channel is that late against another; give at most {LATEST:g} s"
+            )
 
 
 def _check_one_kind(taps: list[Tap]) -> None:

@@ -1,12 +1,13 @@
 """Laws of the FRF of an impact test, on recordings of known structures."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from millcal.data import Channel
-from millcal.errors import IllPosedError, RecordingError
+from millcal.errors import IllPosedError, MillcalError, RecordingError
 from millcal.stages.frf import estimate_frf
 
 NONE = (0.0, 0.0)
@@ -317,3 +318,21 @@ def test_velocity_and_displacement_sensors_keep_their_form(impact_test):
             Channel(c.name, quantity, unit, c.dof) if c.quantity != "force" else c for c in recording.channels
         )
         assert estimate_frf(replace(recording, channels=channels)).form == form
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"resolution": 1e-6}, "resolution 1e-06 Hz: give"),
+        ({"resolution": 0.0}, "resolution 0 Hz: give"),
+        ({"record_length": 1e-4}, "record_length 0.0001 s"),
+        ({"record_length": 100.0}, "record_length 100 s"),
+        ({"delays": {"tipX": float("nan")}}, "delay tipX=nan"),
+        ({"delays": {"tipX": 0.5}}, "delay tipX=0.5"),
+        ({"keep": (2,), "drop": (2,)}, "one hit is in both"),
+    ],
+)
+def test_options_that_no_impact_test_has_are_refused(impact_test, options, said):
+    recording, _ = impact_test(np.random.default_rng(0), hits=4)
+    with pytest.raises(MillcalError, match=re.escape(said)):
+        estimate_frf(recording, **options)
