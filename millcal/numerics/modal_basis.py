@@ -69,7 +69,7 @@ def without_hit(loss: Loss, hit: int, ratio: np.ndarray) -> Loss:
         carried = loss.carried[:, kept] * ratio[:, 0, 0]
     else:
         carried = np.einsum("ohil,lij->ohjl", loss.carried[:, kept], ratio)
-    falls = tuple((fall, own[:, kept]) for fall, own in loss.falls)
+    falls = tuple((fall, own[:, kept]) for fall, own in loss.falls if own[:, kept].any())
     return Loss(loss.force[kept], loss.lag[kept], loss.reach[:, kept], carried, falls, loss.interval)
 
 

@@ -25,9 +25,10 @@ class Channels(NamedTuple):
     s: np.ndarray  # (line,) complex, 1/s
     values: np.ndarray  # (output, line, input) complex
     root: np.ndarray  # (line, input, input) L with L L^H = S_ff; of one input: the square root of S_ff
-    noise: np.ndarray  # (output,) standard deviation of the noise in a line, where L is that of the force
+    noise: np.ndarray  # (output,) standard deviation of the real and of the imaginary part of the noise in a line
     power: np.ndarray  # (output,) of s by which each output's form differs from the receptance
     loss: Loss | None  # what windows took away; None: nothing is known of them
+    excess: float = 0.0  # cost that noise of the force is expected to leave beside that of the response
 
 
 class Model(NamedTuple):
@@ -46,6 +47,7 @@ class Fit(NamedTuple):
     cost: float  # squared residual over the noise
     rows: int  # real numbers fitted
     unknowns: int
+    expected: float  # cost of noise alone
 
 
 class _Solved(NamedTuple):
@@ -210,13 +212,15 @@ def fit_poles(
     if (order != np.arange(len(fn))).any():
         fn, zeta = fn[order], zeta[order]
         parts = [_solve(channels, fn, zeta, model) for channels in tests]
+    rows = sum(part.residual.size for part in parts)
     return Fit(
         fn,
         zeta,
         tuple(part.linear for part in parts),
         float(sum(np.sum(part.residual**2) for part in parts)),
-        sum(part.residual.size for part in parts),
+        rows,
         2 * len(fn) + sum(part.linear.size for part in parts),
+        rows + sum(channels.excess for channels in tests),
     )
 
 

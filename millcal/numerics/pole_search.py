@@ -43,7 +43,7 @@ def search_poles(
 ) -> Poles:
     """Poles in the band for every order of the denominator.
 
-    frequency : (line,) Hz, evenly spaced   values : complex (line, output, input)   weight : (line, output, input)
+    frequency : (line,) Hz, ascending   values : complex (line, output, input)   weight : (line, output, input)
     orders : ascending   near_frequency, near_damping : relative distance within which a pole is that of the order below
     """
     lines, outputs, inputs = values.shape

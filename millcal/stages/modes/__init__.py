@@ -16,7 +16,7 @@ from millcal.errors import IllPosedError
 from millcal.numerics.mode_fit import fit_poles
 from millcal.physics.structure import DERIVATIVES, convert_frf
 from millcal.stages.modes.answer import answer
-from millcal.stages.modes.problem import forms_of, lines_of, problem_of, stride_of
+from millcal.stages.modes.problem import lines_of, problem_of, stride_of
 from millcal.stages.modes.search import REMAINDER, search, stabilisation_chart, thinning
 
 Progress = Callable[[float, str], None]  # share done in 0..1, what is being done
@@ -72,7 +72,11 @@ def fit_modes(
     problem = problem if found.delay is None else problem.turned(found.delay)
     fit = fit_poles(problem.channels, found.fit.natural_frequency, found.fit.damping_ratio, found.model)
     progress(0.8, "intervals")
-    return answer(frf, problem, lines, found._replace(fit=fit), poles)
+    record = answer(frf, problem, lines, found._replace(fit=fit), poles)
+    if modes is None and not len(near) and len(fit.natural_frequency) >= most:
+        message = f"{most} modes, as many as were allowed, and there may be more; allow more (most), or narrow the band"
+        record = replace(record, notices=(*record.notices, Notice("most-modes", message)))
+    return record
 
 
 def corrected_frf(frf: Frf, modes: Modes) -> Frf:
@@ -86,8 +90,8 @@ def corrected_frf(frf: Frf, modes: Modes) -> Frf:
     lines = np.flatnonzero((frf.frequency >= fit.frequency[0]) & (frf.frequency <= fit.frequency[-1]))
     if len(lines) != len(fit.frequency) or not np.allclose(frf.frequency[lines], fit.frequency):
         raise IllPosedError("modes: fitted to another FRF; fit this one first")
-    lost = fit.synthesised - fit.modelled
-    values = frf.values[lines] + _in_form(frf, frf.frequency[lines], lost)
+    lost = convert_frf(fit.frequency, fit.synthesised - fit.modelled, fit.form, frf.form)
+    values = frf.values[lines] + lost
 
     def of_lines(array: np.ndarray | None) -> np.ndarray | None:
         return None if array is None else array[lines]
@@ -107,12 +111,3 @@ def corrected_frf(frf: Frf, modes: Modes) -> Frf:
             Notice("truncation-corrected", "what the records' ends took away is put back", level="note"),
         ),
     )
-
-
-def _in_form(frf: Frf, frequency: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Values in the measured forms, in the form of the FRF.   values : complex (line, output, input)"""
-    out = np.array(values)
-    for row, form in enumerate(forms_of(frf)):
-        if form != frf.form:
-            out[:, row] = convert_frf(frequency, out[:, row], form, frf.form)
-    return out

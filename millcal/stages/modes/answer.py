@@ -5,13 +5,16 @@ import numpy as np
 from millcal.data import Frf, ModalFit, Modes, Notice
 from millcal.numerics.mode_fit import Fit
 from millcal.numerics.pole_search import Poles
-from millcal.stages.modes.intervals import deviations, modelled, remainders, residues
+from millcal.stages.modes.delays import SURE
+from millcal.stages.modes.intervals import deviations, modelled, remainders, residues, why_no_jackknife
 from millcal.stages.modes.possible import complexity, driving_constants, mac, measured_driving_points, moves, shapes_of
-from millcal.stages.modes.problem import Problem, forms_of, measured_values, problem_of
+from millcal.stages.modes.problem import Problem, converted, forms_of, measured_values, problem_of
 from millcal.stages.modes.search import Found
 
 TURNED = np.radians(20.0)  # phase of a driving point beyond which a mode's stiffness is doubtful
-EXPLAINED = 0.5  # share of the response that a fit may leave
+EXPLAINED = 0.3  # share of the response that a fit may leave
+LACKING = 0.02  # share of it that is worth a word where it is no noise
+MISFIT = 4.0  # times the squared residual of noise
 
 
 def answer(frf: Frf, problem: Problem, lines: np.ndarray, found: Found, poles: Poles) -> Modes:
@@ -26,9 +29,13 @@ def answer(frf: Frf, problem: Problem, lines: np.ndarray, found: Found, poles: P
     if len(lines) != len(problem.lines):
         full = problem_of(frf, lines)
         full = full if found.delay is None else full.turned(found.delay)
-    measured = measured_values(frf, lines)
-    as_measured = modelled(full, fit, model, exact=True)
-    left, size = (np.nansum(np.abs(part) ** 2, axis=0) for part in (measured - as_measured, measured))
+    measured, as_measured = measured_values(frf, lines), modelled(full, fit, model, exact=True)
+    residual, residual_relative = _residual(full, measured, as_measured)
+    forms = forms_of(frf)
+
+    def curve(values: np.ndarray) -> np.ndarray:  # all in the form of the first output, whatever they were measured in
+        return converted(full.frequency, values, forms, forms[:1] * len(forms))
+
     shapes = shapes_of(residue)
     record = ModalFit(
         residue=residue,
@@ -40,11 +47,11 @@ def answer(frf: Frf, problem: Problem, lines: np.ndarray, found: Found, poles: P
         dof=spread.dof,
         interval_from=spread.source,  # type: ignore[arg-type]
         frequency=frf.frequency[lines],
-        measured=measured,
-        modelled=as_measured,
-        synthesised=modelled(full, fit, model, exact=False),
-        residual=np.sqrt(np.divide(left, size, out=np.full(size.shape, np.nan), where=size > 0)),
-        residual_relative=float(np.sqrt(left.sum() / size.sum())),
+        measured=curve(measured),
+        modelled=curve(as_measured),
+        synthesised=curve(modelled(full, fit, model, exact=False)),
+        residual=residual,
+        residual_relative=residual_relative,
         complex_modes=model.complex_modes,
         mac=mac(shapes),
         complexity=complexity(shapes),
@@ -54,7 +61,7 @@ def answer(frf: Frf, problem: Problem, lines: np.ndarray, found: Found, poles: P
         chart_stable=poles.stable.astype(float),
         delay=found.delay,
         delay_sd=found.delay_sd,
-        form=forms_of(frf)[0],  # type: ignore[arg-type]
+        form=forms[0],  # type: ignore[arg-type]
         outputs=frf.outputs,
         inputs=frf.inputs,
         band=(float(frf.frequency[lines[0]]), float(frf.frequency[lines[-1]])),
@@ -67,8 +74,24 @@ def answer(frf: Frf, problem: Problem, lines: np.ndarray, found: Found, poles: P
         stiffness=_stiffness(fit, constants, dofs, frf.inputs[0]),
         axes=tuple(dofs[int(np.argmax(row.real))][-1:].lower() if dofs else "" for row in constants),
         fit=record,
-        notices=tuple(_notices(record, fit, constants, dofs)),
+        notices=tuple(_notices(record, fit, constants, dofs, why_no_jackknife(problem))),
     )
+
+
+def _residual(problem: Problem, measured: np.ndarray, as_measured: np.ndarray) -> tuple[np.ndarray, float]:
+    """What the fit leaves of each pair, and of all: |measured - modelled| / |measured| in the forms that were measured.
+
+    Pairs in several forms add up as receptances at the middle of the band, where they are of one unit.
+    measured, as_measured : complex (line, output, input)   returns (output, input) and their whole
+    """
+    power = np.zeros(len(problem.outputs))
+    for test in problem.tests:
+        power[test.rows[:, 0]] = test.channels.power
+    scale = (2 * np.pi * problem.frequency.mean()) ** -power[:, None]
+    fitted = np.where(np.isfinite(as_measured), scale * measured, np.nan)
+    left, size = (np.nansum(np.abs(part) ** 2, axis=0) for part in (fitted - scale * as_measured, fitted))
+    each = np.sqrt(np.divide(left, size, out=np.full(size.shape, np.nan), where=size > 0))
+    return each, float(np.sqrt(left.sum() / size.sum()))
 
 
 def _stiffness(fit: Fit, constants: np.ndarray, dofs: list[str], first: str) -> np.ndarray:
@@ -79,29 +102,40 @@ def _stiffness(fit: Fit, constants: np.ndarray, dofs: list[str], first: str) -> 
     return (2 * np.pi * fit.natural_frequency) ** 2 / np.where(alpha > 0, alpha, np.nan)
 
 
-def _notices(record: ModalFit, fit: Fit, constants: np.ndarray, dofs: list[str]) -> list[Notice]:
+def _notices(record: ModalFit, fit: Fit, constants: np.ndarray, dofs: list[str], why: str) -> list[Notice]:
+    """What a user should know before relying on the numbers.   why : there is no jackknife"""
     notices = []
     if record.residual_relative > EXPLAINED:
         left = f"{100 * record.residual_relative:.0f} %"
         message = f"the modes leave {left} of the FRF unexplained; narrow the band, or see the coherence"
         notices.append(Notice("poor-fit", message))
+    elif record.residual_relative > LACKING and fit.cost > MISFIT * fit.expected:
+        left = f"{100 * record.residual_relative:.0f} %"
+        message = f"the modes leave {left} of the FRF, far more than its noise: the structure is not quite what they say, and "
+        notices.append(Notice("modes-lack", message + "their intervals know nothing of that"))
     low, high = record.band
+    lost = np.isfinite(record.measured).any(axis=0) & ~np.isfinite(record.residue).all(axis=0)
+    if lost.any():
+        pairs = ", ".join(f"{record.outputs[o]}/{record.inputs[i]}" for o, i in np.argwhere(lost))
+        message = f"{pairs}: left out of the fit, as not every line of the band has a value; narrow the band"
+        notices.append(Notice("pairs-left-out", message))
     outside = [f"{fn:.0f}" for fn in fit.natural_frequency if not low <= fn <= high]
     if outside:
         message = (
             f"{', '.join(outside)} Hz is outside of the band: it stands for what lies there, and is no mode to rely on"
         )
         notices.append(Notice("mode-outside-band", message))
-    if record.delay is not None:
-        told = ", ".join(f"{dof} {1e6 * tau:.1f}" for dof, tau in zip(record.outputs, record.delay, strict=True))
-        message = (
-            f"responses come late against the hammer, by {told} us; the modes are fitted with that taken out, the FRF "
-        )
-        notices.append(Notice("delay", message + "has it in: state it when the FRF is estimated (--delay)"))
+    if record.delay is not None and record.delay_sd is not None:
+        sure = np.abs(record.delay) > SURE * record.delay_sd
+        late = [(dof, tau) for dof, tau, known in zip(record.outputs, record.delay, sure, strict=True) if known]
+        told = ", ".join(f"{dof} by {1e6 * tau:.1f} us" for dof, tau in late)
+        mending = " ".join(f"--delay {dof}={tau:.2e}" for dof, tau in late)
+        message = f"responses come late against the hammer, {told}; the modes are fitted with that taken out, the FRF has it in: "
+        notices.append(Notice("delay", message + f"estimate it with {mending}"))
     for dof, own in zip(dofs, constants.T, strict=True):
         notices += _of_driving_point(dof, record, fit, own)
     if record.interval_from != "jackknife":
-        message = "intervals come from the scatter of the lines alone, as there are not three hits; they are too short"
+        message = f"{why}: intervals come from the scatter of the lines alone and are too short"
         notices.append(Notice("intervals-from-lines", message))
     return notices
 
@@ -117,6 +151,8 @@ def _of_driving_point(dof: str, record: ModalFit, fit: Fit, constants: np.ndarra
         if abs(np.sin(np.angle(constant))) > np.sin(TURNED)
     ]
     notices = []
+    if record.residual_relative > EXPLAINED:
+        return []  # signs of terms that describe nothing
     if negative and len(negative) == len(frequency):
         message = f"every mode gives power to the hammer at {dof}: turn the sign of the accelerometer or of the hammer"
         notices.append(Notice("accelerometer-polarity", message))

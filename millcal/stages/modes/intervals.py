@@ -16,9 +16,10 @@ import numpy as np
 
 from millcal.numerics.modal_basis import pole_of, without_hit
 from millcal.numerics.mode_fit import Channels, Fit, Model, Sensitivity, columns, combined, sensitivity, whitened
-from millcal.stages.modes.problem import Problem, Test
+from millcal.stages.modes.problem import Problem
 
 FEWEST_HITS = 3  # of a test, for a jackknife
+UNKNOWN = 3.0  # e-folds: a frequency or damping that is off by more is not known at all
 
 
 class Deviations(NamedTuple):
@@ -41,16 +42,27 @@ def deviations(problem: Problem, fit: Fit, model: Model) -> Deviations:
 
 def can_leave_hits_out(problem: Problem) -> bool:
     """Whether every test has hits enough for a jackknife, on all lines of the fit."""
-    return all(_has_hits(test, problem) for test in problem.tests)
+    return not why_no_jackknife(problem)
 
 
-def _has_hits(test: Test, problem: Problem) -> bool:
-    spectra = test.spectra
-    if spectra is None:
-        return False
-    last = problem.lines[-1] - spectra.first_line
-    covered = problem.lines[0] >= spectra.first_line and last < spectra.response.shape[2]
-    return covered and len(spectra.names) >= max(FEWEST_HITS, len(spectra.inputs) + 2)
+def why_no_jackknife(problem: Problem) -> str:
+    """What keeps hits from being left out one by one; empty where nothing does."""
+    for test in problem.tests:
+        spectra = test.spectra
+        if spectra is None:
+            return "the file holds no hits"
+        if len(spectra.names) < max(FEWEST_HITS, len(spectra.inputs) + 2):
+            n = len(spectra.names)
+            hits = f"{n} hit{'s' if n > 1 else ''} at {', '.join(spectra.inputs)}"
+            return f"{hits} {'are' if n > 1 else 'is'} too few to leave one out"
+        if (
+            not spectra.first_line
+            <= problem.lines[0]
+            <= problem.lines[-1]
+            < spectra.first_line + spectra.response.shape[2]
+        ):
+            return "the band goes far beyond the usable one, where no hits are kept"
+    return ""
 
 
 def _by_hit(problem: Problem, fit: Fit, model: Model, known: Sensitivity) -> Deviations:
@@ -109,9 +121,10 @@ def residual_without(problem: Problem, number: int, hit: int, fit: Fit, model: M
 
 def _moved(fit: Fit, poles: np.ndarray, linear: tuple[np.ndarray, ...]) -> Fit:
     n = len(fit.natural_frequency)
+    factor = np.exp(np.clip(poles, -UNKNOWN, UNKNOWN))
     return fit._replace(
-        natural_frequency=fit.natural_frequency * np.exp(poles[:n]),
-        damping_ratio=np.minimum(fit.damping_ratio * np.exp(poles[n:]), 0.99),
+        natural_frequency=fit.natural_frequency * factor[:n],
+        damping_ratio=np.minimum(fit.damping_ratio * factor[n:], 0.99),
         linear=tuple(a + b for a, b in zip(fit.linear, linear, strict=True)),
     )
 

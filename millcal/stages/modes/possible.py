@@ -72,7 +72,7 @@ def whole_mac(residue: np.ndarray) -> np.ndarray:
 
     residue : complex (mode, output, input), nan where nothing was measured
     """
-    return mac(np.nan_to_num(residue).reshape(len(residue), -1))
+    return mac(np.nan_to_num(residue).reshape(len(residue), int(np.prod(residue.shape[1:]))))  # also of no mode
 
 
 def shapes_of(residue: np.ndarray) -> np.ndarray:

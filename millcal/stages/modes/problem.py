@@ -4,6 +4,7 @@ Each group of hits that was estimated together is one test with its own windows.
 its hits: then its variance gives the weights, or the scatter between neighbouring lines where it has none.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +16,10 @@ from millcal.numerics.mode_fit import Channels
 from millcal.physics.structure import DERIVATIVES, convert_frf, convert_frf_variance
 
 FEWEST_LINES = 16
+FORCE_NOISE = (
+    2.0  # times what noise of the force is expected to leave: a few numbers a resonance, that may all be large
+)
+ROUNDING = 1e-6  # share of the largest value of a pair that no other program's digits tell
 SILENT = 1e-8  # noise below this share of the response is rounding, and says nothing of the weights
 
 
@@ -79,11 +84,17 @@ def forms_of(frf: Frf) -> tuple[str, ...]:
 
 def measured_values(frf: Frf, lines: np.ndarray) -> np.ndarray:
     """Values of some lines in the form each output was measured in.   returns complex (line, output, input)"""
-    values = np.array(frf.values[lines])
-    for row, form in enumerate(forms_of(frf)):
-        if form != frf.form:
-            values[:, row] = convert_frf(frf.frequency[lines], values[:, row], frf.form, form)
-    return values
+    forms = forms_of(frf)
+    return converted(frf.frequency[lines], frf.values[lines], [frf.form] * len(forms), forms)
+
+
+def converted(frequency: np.ndarray, values: np.ndarray, forms: Sequence[str], to: Sequence[str]) -> np.ndarray:
+    """Values with each output in another form.   values : complex (line, output, input)   forms, to : of each output"""
+    out = np.array(values)
+    for row, (form, wanted) in enumerate(zip(forms, to, strict=True)):
+        if form != wanted:
+            out[:, row] = convert_frf(frequency, out[:, row], form, wanted)
+    return out
 
 
 def lines_of(frf: Frf, band: tuple[float, float] | None) -> np.ndarray:
@@ -91,6 +102,8 @@ def lines_of(frf: Frf, band: tuple[float, float] | None) -> np.ndarray:
     low, high = band or frf.usable_band
     measured = np.isfinite(frf.values).any(axis=(1, 2)) & (frf.frequency > 0)
     lines = np.flatnonzero(measured & (frf.frequency >= low) & (frf.frequency <= high))
+    if len(lines) and not np.nan_to_num(frf.values[lines]).any():
+        raise IllPosedError(f"modes: every value between {low:g} and {high:g} Hz is zero; check the channels")
     if len(lines) < FEWEST_LINES:
         raise IllPosedError(
             f"modes: {len(lines)} lines between {low:g} and {high:g} Hz; give a band within "
@@ -121,11 +134,6 @@ def problem_of(frf: Frf, lines: np.ndarray) -> Problem:
     return Problem(tests, lines, frequency, frf.outputs, frf.inputs)
 
 
-def _is_noisy(spectra: HitSpectra) -> bool:
-    size = np.mean(np.abs(spectra.response) ** 2, axis=(0, 2))
-    return bool((spectra.response_noise > SILENT**2 * size).all())
-
-
 def _of_hits(frf: Frf, spectra: HitSpectra, s: np.ndarray, values: np.ndarray, power: np.ndarray) -> Test:
     rows = tuple(frf.outputs.index(output) for output in spectra.outputs)
     columns = tuple(frf.inputs.index(given) for given in spectra.inputs)
@@ -136,12 +144,22 @@ def _of_hits(frf: Frf, spectra: HitSpectra, s: np.ndarray, values: np.ndarray, p
     P[:, own, own] -= np.minimum(spectra.force_noise, 0.5 * P[:, own, own].real)
     mixing = np.einsum("hil,lij->hjl", force.conj(), np.linalg.inv(P))
     loss = plan_loss(s, spectra.force, spectra.force_start, spectra.window_stop, spectra.window_fall, mixing, interval)
-    size = np.sqrt(np.mean(np.abs(spectra.response) ** 2, axis=(0, 2)))
-    noise = np.sqrt(spectra.response_noise) if _is_noisy(spectra) else SILENT * size
-    channels = Channels(
-        s, values[:, rows][:, :, columns].transpose(1, 0, 2), np.linalg.cholesky(P), noise, power[list(rows)], loss
-    )
+    noise = _noise_of_hits(spectra)
+    own_values = values[:, rows][:, :, columns].transpose(1, 0, 2)
+    carried = np.einsum("oli,i->o", np.abs(own_values) ** 2, spectra.force_noise / len(force))
+    excess = FORCE_NOISE * len(columns) * float(np.sum(carried / noise**2))
+    channels = Channels(s, own_values, np.linalg.cholesky(P), noise, power[list(rows)], loss, excess)
     return Test(channels, np.array(rows)[:, None], np.array(columns)[None], spectra, force, P)
+
+
+def _noise_of_hits(spectra: HitSpectra) -> np.ndarray:
+    """Noise of each response in each part of a line, that of rounding where one has no noise.   returns (output,)"""
+    size = np.sqrt(np.mean(np.abs(spectra.response) ** 2, axis=(0, 2)))
+    noise = np.sqrt(0.5 * spectra.response_noise)
+    alive = size > 0
+    if not (noise[alive] > SILENT * size[alive]).all():
+        noise = SILENT * size
+    return np.where(alive, noise, noise.max(initial=0.0))
 
 
 def force_spectra(spectra: HitSpectra, s: np.ndarray, frequency: np.ndarray) -> np.ndarray:
@@ -161,14 +179,17 @@ def force_spectra(spectra: HitSpectra, s: np.ndarray, frequency: np.ndarray) -> 
 def _of_lines(frf: Frf, lines: np.ndarray, s: np.ndarray, values: np.ndarray, power: np.ndarray) -> Test:
     """All pairs as one test, each pair a channel of its own, weighted by what is known of its noise."""
     rows, columns = np.nonzero(np.isfinite(values).all(axis=0))
-    if not len(rows):
+    if not values[:, rows, columns].any():
         raise IllPosedError("modes: no pair of output and input has values on all lines of the band; narrow the band")
     frequency = frf.frequency[lines]
-    noise = [_noise(frf, lines, o, i, values[:, o, i]) for o, i in zip(rows, columns, strict=True)]
+    alive = values[:, rows, columns].any(axis=0)
+    noise = [_noise(frf, lines, o, i, values[:, o, i]) for o, i in zip(rows[alive], columns[alive], strict=True)]
     slope = float(np.mean([own for own, _ in noise]))
     middle = np.exp(np.mean(np.log(frequency)))
     root = ((frequency / middle) ** -slope)[:, None, None]
-    level = np.array([own for _, own in noise])
+    level = np.full(len(rows), max(own for _, own in noise))  # also of a pair that never moves
+    level[alive] = [own for _, own in noise]
+    level *= np.sqrt(0.5)  # of each part
     channels = Channels(s, values[:, rows, columns].T[:, :, None], root, level, power[rows], None)
     return Test(channels, rows[:, None], columns[:, None])
 
@@ -186,7 +207,7 @@ def _noise(frf: Frf, lines: np.ndarray, o: int, i: int, values: np.ndarray) -> t
     else:  # E|second difference|^2 of white noise is six times its variance
         bend = np.abs(np.diff(values, 2)) ** 2 / 6.0
         variance = np.concatenate([bend[:1], bend, bend[-1:]])
-    floor = (1e-6 * np.abs(values).max()) ** 2
+    floor = (ROUNDING * np.abs(values).max()) ** 2
     parts = np.array_split(np.arange(len(lines)), min(12, len(lines) // 4))
     level = [0.5 * np.log(max(float(np.median(variance[part])), floor)) for part in parts]
     middle = np.array([np.log(float(np.median(frequency[part]))) for part in parts])

@@ -67,9 +67,9 @@ def thinning(problem: Problem, poles: Poles) -> int:
     sure = count >= SURE
     if not sure.any():
         return 1
-    narrowest = float((frequency * damping)[sure].min())
-    spacing = float(problem.frequency[1] - problem.frequency[0])
-    return int(np.clip(narrowest / (2 * spacing), 1, max(1, len(problem.lines) // 200)))
+    spacing = np.interp(frequency, problem.frequency, np.gradient(problem.frequency))  # there; lines may be uneven
+    narrowest = float((frequency * damping / spacing)[sure].min())  # lines
+    return int(np.clip(narrowest / 2, 1, max(1, len(problem.lines) // 200)))
 
 
 def search(
@@ -102,7 +102,7 @@ def search(
     if complex_modes:
         return Found(grown(problem, turning)[0], turning)
     fit, held_back = grown(problem, real)
-    if not len(fit.natural_frequency) or fit.cost <= fit.rows:  # nothing left but noise
+    if not len(fit.natural_frequency) or COMPLEX_GAIN * fit.cost <= fit.expected:  # no model leaves less than noise
         return Found(fit, real)
     rival = fit_poles(problem.channels, fit.natural_frequency, fit.damping_ratio, turning, max_steps=3)
     if not held_back and not _asks_for(rival, fit):
@@ -146,7 +146,7 @@ def seeds_of(poles: Poles, frequency: np.ndarray) -> Seeds:
 
 def criterion(fit: Fit) -> float:
     """Schwarz's criterion, smaller is better: of the noise as it is seen, and never below what is known of it."""
-    return fit.rows * float(np.log(max(fit.cost / fit.rows, 1.0))) + fit.unknowns * float(np.log(fit.rows))
+    return fit.rows * float(np.log(max(fit.cost / fit.expected, 1.0))) + fit.unknowns * float(np.log(fit.rows))
 
 
 def strongest(
@@ -232,7 +232,9 @@ def grow(
         charted = _pruned(tests, charted, model)
         fit = charted if possible(charted) else fit
     taken = fit
-    while fit.cost > fit.rows and len(fit.natural_frequency) < min(most, len(taken.natural_frequency) + PATIENCE):
+    while (1 - GAIN) * fit.cost > fit.expected and len(fit.natural_frequency) < min(
+        most, len(taken.natural_frequency) + PATIENCE
+    ):
         tried = _with(tests, fit, model, *strongest(tests, fit, model, seeds, frequency))
         if not _earns(tried, fit):
             break

@@ -148,7 +148,9 @@ def test_what_the_user_knows_is_obeyed(tool):
     narrow = fit_modes(frf, band=(900.0, 1500.0))
     assert narrow.fit.band[0] >= 900.0
     assert narrow.fit.band[1] <= 1500.0
-    np.testing.assert_allclose(narrow.natural_frequency, [1200.0], rtol=1e-3)
+    inside = (narrow.natural_frequency > 900.0) & (narrow.natural_frequency < 1500.0)
+    np.testing.assert_allclose(narrow.natural_frequency[inside], [1200.0], rtol=1e-3)
+    assert inside.all() or "mode-outside-band" in codes(narrow)
     assert fit_modes(frf, complex_modes=True).fit.complex_modes
     assert len(fit_modes(frf, remainder=0, complex_modes=False).fit.remainder_power) == 0
 
