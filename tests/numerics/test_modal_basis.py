@@ -28,6 +28,7 @@ def hits(rng, inputs, count=4, length=12):
     start = rng.integers(2, 9, count)
     stop = rng.integers(60, 90, (count, 2))
     fall = np.stack([np.full(count, 25), np.zeros(count, int)], axis=1)
+    fall[2] = 31, 9  # a record of its own length
     return force, start, stop, fall
 
 

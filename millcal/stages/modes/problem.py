@@ -16,9 +16,7 @@ from millcal.numerics.mode_fit import Channels
 from millcal.physics.structure import DERIVATIVES, convert_frf, convert_frf_variance
 
 FEWEST_LINES = 16
-FORCE_NOISE = (
-    2.0  # times what noise of the force is expected to leave: a few numbers a resonance, that may all be large
-)
+FORCE_NOISE = 2.0  # times what noise of the force leaves on average: smooth over a resonance, it averages little
 ROUNDING = 1e-6  # share of the largest value of a pair that no other program's digits tell
 SILENT = 1e-8  # noise below this share of the response is rounding, and says nothing of the weights
 
