@@ -144,24 +144,35 @@ def condition(Sff: np.ndarray) -> float:
     return float(np.median(np.sqrt(squares[:, -1] / np.maximum(squares[:, 0], 1e-16))))
 
 
-def predicted(force: np.ndarray, response: np.ndarray) -> np.ndarray:
-    """What the other hits say that the response of each should be.
+def predicted(force: np.ndarray, response: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What the other hits say that the response of each should be, and how far these are from each other.
 
     For one input by the median over the hits, real and imaginary part apart, which some odd hits do not move. For several by
-    least squares, with the residuals brought to the size that each has by its own noise alone: a hit that stands alone in
-    its direction is nearly explained by itself.
+    least squares over the other hits, with errors brought to the size of their noise by 1 / sqrt(1 + leverage): a hit that
+    stands alone in its direction is not well foretold.
 
-    force : (hit, input, frequency) complex   response : (hit, output, frequency) complex   returns as response
+    force : (hit, input, frequency) complex   response : (hit, output, frequency) complex
+    returns as response, and the usual deviation (hit,)
     """
     if force.shape[1] == 1:
         H = response / force
         usual = np.median(H.real, axis=0) + 1j * np.median(H.imag, axis=0)
-        return usual * force
-    F, X = force.transpose(2, 0, 1), response.transpose(2, 0, 1)  # (frequency, hit, ...)
-    Q = np.linalg.qr(F)[0]
-    fitted = Q @ (Q.conj().transpose(0, 2, 1) @ X)
-    leverage = np.sum(np.abs(Q) ** 2, axis=2)[:, :, None]
-    return (X - (X - fitted) / np.sqrt(np.maximum(1.0 - leverage, 1e-6))).transpose(1, 2, 0)
+        expected = usual * force
+        return expected, np.full(len(force), np.median(deviation(response, expected)))
+    expected, among = np.empty_like(response), np.empty(len(force))
+    for hit in range(len(force)):
+        rest = np.arange(len(force)) != hit
+        F, X = force[rest].transpose(2, 0, 1), response[rest].transpose(2, 0, 1)  # (frequency, hit, ...)
+        Q, R = np.linalg.qr(F)
+        seen = Q.conj().transpose(0, 2, 1) @ X
+        own = np.linalg.solve(R.transpose(0, 2, 1), force[hit].T[:, :, None])[:, :, 0]  # F_h R^-1
+        left = np.sqrt(np.maximum(1.0 - np.sum(np.abs(Q) ** 2, axis=2), 1e-6))[:, :, None]
+        error = (response[hit].T - (own[:, None, :] @ seen)[:, 0]) / np.sqrt(1.0 + np.sum(np.abs(own) ** 2, axis=1))[
+            :, None
+        ]
+        expected[hit] = response[hit] - error.T
+        among[hit] = np.median(deviation(response[rest], (X - (X - Q @ seen) / left).transpose(1, 2, 0)))
+    return expected, among
 
 
 def deviation(actual: np.ndarray, expected: np.ndarray) -> np.ndarray:

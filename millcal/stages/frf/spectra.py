@@ -4,13 +4,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from millcal.numerics.frequency_response import CrossSpectra, deviation, inverse_of, predicted
+from millcal.numerics.frequency_response import CrossSpectra, condition, deviation, inverse_of, predicted
 from millcal.numerics.impact_faults import bumps_beside_model, delays_of, phase_slopes, unexplained_level
 from millcal.numerics.impact_windows import gate_hit
 from millcal.stages.frf.taps import Tap
 
 ODD = 0.1  # deviation of a response from the other hits' that is asked for at least
 SLIGHT = 0.02  # the same where the others agree
+ALIKE = 1e5  # condition of several forces above which hits are not compared
 LINES = 256  # that hits are compared on
 SHIFT = 0.1  # samples by which a response must be late to be moved
 BETTER = 0.7  # of the deviation that may be left when it is moved
@@ -95,7 +96,9 @@ def compare(tap: Tap, points: int, damping: float, kept: set) -> None:
     while True:
         used = tap.used()
         force, response, frequency = _lines(tap, used, points)
-        expected = predicted(force, response)
+        if len(tap.forces) > 1 and condition(np.einsum("hjf,hkf->jkf", force.conj(), force)) > ALIKE:
+            return  # hits in one direction say nothing about each other; the estimate refuses them
+        expected, usual = predicted(force, response)
         found = deviation(response, expected)
         if len(tap.forces) == 1:
             late = np.abs(phase_slopes(response, expected, frequency)) * tap.recording.sample_rate
@@ -107,13 +110,12 @@ def compare(tap: Tap, points: int, damping: float, kept: set) -> None:
             ]
             if moved:
                 force, response, frequency = _lines(tap, used, points)
-                expected = predicted(force, response)
+                expected, usual = predicted(force, response)
                 found = deviation(response, expected)
         noisy = [np.sqrt(np.sum(tap.noise[hit][1]) / _power(response[k])) for k, hit in enumerate(used)]
-        middle = float(np.median(found))
-        limit = np.maximum(max(ODD, 5.0 * middle), 4.0 * np.array(noisy))
-        if len(used) >= 5:
-            limit = np.minimum(limit, max(SLIGHT, 10.0 * middle))
+        limit = np.maximum(np.maximum(ODD, 5.0 * usual), 4.0 * np.array(noisy))
+        if len(used) >= len(tap.forces) + 4:
+            limit = np.minimum(limit, np.maximum(SLIGHT, 10.0 * usual))
         order = np.argsort(found / limit)[::-1]
         # several inputs have no median: the worst goes first, since it bends what is expected of the others
         odd = [used[k] for k in order[: len(order) if len(tap.forces) == 1 else 1] if found[k] > limit[k]]

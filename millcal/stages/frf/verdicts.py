@@ -41,9 +41,11 @@ def judge(tap: Tap, weak: float, allow_double: bool, kept: set, dropped: set) ->
     _judge_rest(tap)
     sound = [hit for hit, reasons in enumerate(tap.reasons) if not _against(reasons, allow_double)]
     whole = [hit for hit in sound if not tap.losses[hit]]
-    _plan_windows(tap, whole or sound or list(range(len(tap.surveys))))
+    bumps = _late_bumps(tap, whole or sound)
+    quiet = [hit for hit in whole if hit not in bumps]
+    _plan_windows(tap, quiet or whole or sound or list(range(len(tap.surveys))))
     _judge_losses(tap)
-    _judge_late_bumps(tap, [hit for hit in sound if not _against(tap.reasons[hit], allow_double)])
+    _judge_late_bumps(tap, bumps)
     for hit, reasons in enumerate(tap.reasons):
         against = _against(reasons, allow_double)
         me = (id(tap), hit)
@@ -122,12 +124,11 @@ def _judge_losses(tap: Tap) -> None:
                 remarks.append(f"{loss.kind} of {where}, outside of its window")
 
 
-def _judge_late_bumps(tap: Tap, sound: list[int]) -> None:
-    """A response that rises with no force costs the hit while its window is open."""
-    if not sound:
-        return
-    surveys = [tap.surveys[hit] for hit in sound]
-    rate = tap.recording.sample_rate
+def _late_bumps(tap: Tap, hits: list[int]) -> dict[int, tuple[int, float]]:
+    """Where the response of hits rises with no force: hit -> block after the onset, share of the largest."""
+    if not hits:
+        return {}
+    surveys = [tap.surveys[hit] for hit in hits]
     begin = max(-(-(s.last - s.onset + 16 + s.stop - s.onset) // tap.block) for s in surveys) + 1
     data = (
         stacked_power(surveys),
@@ -137,12 +138,14 @@ def _judge_late_bumps(tap: Tap, sound: list[int]) -> None:
     if len(tap.forces) == 1:
         found = late_bumps(*data, begin)
     else:  # hits in different directions have different decays
-        found = [late_bumps(*(part[k : k + 1] for part in data), begin)[0] for k in range(len(sound))]
-    end = (1 + FALL) * float(tap.decay.max())
-    for hit, bump in zip(sound, found, strict=True):
-        if bump is None:
-            continue
-        block, share = bump
+        found = [late_bumps(*(part[k : k + 1] for part in data), begin)[0] for k in range(len(hits))]
+    return {hit: bump for hit, bump in zip(hits, found, strict=True) if bump is not None}
+
+
+def _judge_late_bumps(tap: Tap, bumps: dict[int, tuple[int, float]]) -> None:
+    """A response that rises with no force costs the hit while its window is open."""
+    rate, end = tap.recording.sample_rate, (1 + FALL) * float(tap.decay.max())
+    for hit, (block, share) in bumps.items():
         after = block * tap.block
         what = f"{1e3 * after / rate:.0f} ms after the hit, to {100 * share:.2g} % of its largest"
         if after < end:
