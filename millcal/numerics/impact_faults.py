@@ -139,28 +139,35 @@ def _zeros(samples: np.ndarray, noise: float) -> list[tuple[int, int]]:
     is ten times as large as the same cubic errs elsewhere near by, which it does a lot where the signal is fast.
     """
     n, found = len(samples), []
-    at_zero = runs(samples == 0)
-    for a, b in at_zero[at_zero[:, 1] < at_zero[:, 0] + STUCK]:
-        size = int(b - a)
-        if a < 2 or b > n - 2:
+    stretches = runs(samples == 0)
+    stretches = stretches[(stretches[:, 0] >= 2) & (stretches[:, 1] <= n - 2)]
+    sizes = stretches[:, 1] - stretches[:, 0]
+    for size in range(1, STUCK):
+        starts = stretches[sizes == size, 0]
+        if not len(starts):
             continue
-        at = np.array([-2, -1, size, size + 1])
-        middle = (size - 1) // 2
+        at, middle = np.array([-2, -1, size, size + 1]), (size - 1) // 2
         others = [np.delete(at, k) for k in range(4)]
         cubic = np.array([np.prod((middle - rest) / (x - rest)) for x, rest in zip(at, others, strict=True)])
-        starts = np.concatenate(
-            [np.arange(max(2, a - NEAR), a - size - 2), np.arange(b + 2, min(b + NEAR, n - size - 2))]
-        )
-        if len(starts) < 2 * STUCK:
-            continue
-        errs = samples[starts[:, None] + at] @ cubic - samples[starts + middle]
-        missing = abs(float(samples[a + at] @ cubic))
-        near = float(np.abs(samples[max(0, a - 16) : b + 16]).max())  # where a signal begins, it is small beside this
-        steps = np.abs(np.diff(samples[max(0, a - NEAR) : b + NEAR]))
-        count = float(steps[steps > 0].min(initial=np.inf))
-        if missing > max(10.0 * float(np.sqrt(np.mean(errs**2))), 10.0 * noise, 0.3 * near, 5.0 * count):
-            found.append((int(a), int(b)))
-    return found
+        missing = np.abs(samples[starts[:, None] + at] @ cubic)
+        clear = missing > 10.0 * noise  # few: the others cross zero
+        for a, value in zip(starts[clear], missing[clear], strict=True):
+            if value > _usual(samples, int(a), size, at, cubic):
+                found.append((int(a), int(a) + size))
+    return sorted(found)
+
+
+def _usual(samples: np.ndarray, a: int, size: int, at: np.ndarray, cubic: np.ndarray) -> float:
+    """What the cubic about a stretch may say without anything being lost; infinite where there is too little beside it."""
+    n, b = len(samples), a + size
+    starts = np.concatenate([np.arange(max(2, a - NEAR), a - size - 2), np.arange(b + 2, min(b + NEAR, n - size - 2))])
+    if len(starts) < 2 * STUCK:
+        return np.inf
+    errs = samples[starts[:, None] + at] @ cubic - samples[starts + (size - 1) // 2]
+    near = float(np.abs(samples[max(0, a - 16) : b + 16]).max())  # where a signal begins, it is small beside this
+    steps = np.abs(np.diff(samples[max(0, a - NEAR) : b + NEAR]))
+    count = float(steps[steps > 0].min(initial=np.inf))
+    return max(10.0 * float(np.sqrt(np.mean(errs**2))), 0.3 * near, 5.0 * count)
 
 
 def late_bumps(power: np.ndarray, peak: np.ndarray, noise: np.ndarray, begin: int) -> list[tuple[int, float] | None]:
