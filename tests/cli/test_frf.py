@@ -1,6 +1,7 @@
 """`millcal frf`: recordings in, an FRF file and a table of the hits out; every mistake one line."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -135,6 +136,11 @@ def test_hits_are_kept_and_dropped_by_number(run, tmp_path):
         (["--estimator", "h3"], 2, "h1"),
         (["--form", "compliance"], 2, "receptance"),
         (["--map", "fx"], 2, "NAME=VALUE"),
+        (["--flip", "acc_tipQ"], 3, "no channel or dof of that name"),
+        (["--delay", "tipX=soon"], 2, "tipX=12e-6"),
+        (["--delay", "tipX"], 2, "NAME=VALUE"),
+        (["--delay", "tipQ=1e-6"], 3, "no channel or dof of that name"),
+        (["--exponential", "1.5"], 3, "no window ends there"),
         ([f for i in (0, 1, 3, 4, 6, 7, 9, 12) for f in ("--drop", str(i))], 3, "no hit is good enough"),
     ],
 )
@@ -178,3 +184,73 @@ def test_force_channels_named_as_responses_give_a_transmissibility(run, tmp_path
     code, _, _ = run(path, "--setup", setup, "-o", tmp_path / "again.h5")
     assert code == 0
     np.testing.assert_array_equal(read_result(tmp_path / "again.h5", Frf).values, frf.values)
+
+
+def test_a_turned_channel_is_mended_as_the_warning_says(run, tmp_path):
+    code, _, err = run(TAP, "-o", tmp_path / "plain.h5", "--flip", "tipX", "--flip", "tipX")
+    assert (code, err) == (0, "")
+    code, _, err = run(TAP, "-o", tmp_path / "frf.h5", "--flip", "hammer")
+    assert code == 0
+    assert "--flip tipX" in err
+    code, _, err = run(TAP, "-o", tmp_path / "mended.h5", "--flip", "hammer", "--flip", "tipX")
+    assert code == 0
+    assert "--flip" not in err
+    plain, mended = (read_result(tmp_path / name, Frf).values for name in ("plain.h5", "mended.h5"))
+    np.testing.assert_allclose(mended[:, 0], plain[:, 0])
+    np.testing.assert_allclose(mended[:, 1], -plain[:, 1])
+
+
+def test_delays_and_an_exponential_window_reach_the_estimate(run, tmp_path):
+    run(TAP, "-o", tmp_path / "plain.h5")
+    code, _, _ = run(TAP, "-o", tmp_path / "late.h5", "--delay", "tipX=1e-5", "--delay", "acc_tipY=1.5e-5")
+    assert code == 0
+    plain, late = (read_result(tmp_path / name, Frf) for name in ("plain.h5", "late.h5"))
+    turn = np.exp(2j * np.pi * plain.frequency[:, None] * np.array([1e-5, 1.5e-5]))
+    np.testing.assert_allclose(late.values[1:-1, :2, 0], (plain.values[:, :2, 0] * turn)[1:-1], rtol=1e-9)
+    code, _, err = run(TAP, "-o", tmp_path / "faded.h5", "--exponential", "0.05")
+    assert code == 0
+    assert "exponential window" in err
+    assert read_result(tmp_path / "faded.h5", Frf).damping_shift > 0
+
+
+def test_what_was_mended_of_a_hit_stands_in_the_table_and_in_the_json(run, tmp_path):
+    """A late trigger of one hit."""
+    from millcal.io.recordings import read_recording, write_recording
+
+    recording = read_recording(TAP)
+    samples = np.array(recording.block(0, recording.samples.shape[1]))
+    start, count = recording.segments[3]
+    samples[1:, start : start + count] = np.roll(samples[1:, start : start + count], 4, axis=1)
+    write_recording(tmp_path / "late.h5", replace(recording, samples=samples))
+    code, out, _ = run(tmp_path / "late.h5", "-o", tmp_path / "frf.h5")
+    assert code == 0
+    (row,) = (line for line in out.splitlines() if "skew" in line)
+    assert "used; skew: response 4.00 samples late" in row
+    _, out, _ = run(tmp_path / "late.h5", "-o", tmp_path / "frf.h5", "--json")
+    hits = json.loads(out)["result"]["hits"]
+    assert [bool(hit["remarks"]) for hit in hits] == [number == 3 for number in range(13)]
+    assert read_result(tmp_path / "frf.h5", Frf).hits[3].remarks[0].startswith("skew")
+
+
+def test_a_delay_of_a_channel_is_read_from_its_file_and_from_a_setup(run, tmp_path):
+    from millcal.io.recordings import read_recording, write_recording
+
+    recording = read_recording(TAP)
+    channels = tuple(replace(c, delay=1e-5) if c.name == "acc_tipX" else c for c in recording.channels)
+    write_recording(tmp_path / "own.h5", replace(recording, channels=channels))
+    assert [c.delay for c in read_recording(tmp_path / "own.h5").channels][:3] == [0.0, 1e-5, 0.0]
+    setup = tmp_path / "setup.toml"
+    setup.write_text("[channels.acc_tipX]\ndelay_s = 1e-5\n")
+    run(tmp_path / "own.h5", "-o", tmp_path / "a.h5")
+    run(TAP, "--setup", setup, "-o", tmp_path / "b.h5")
+    run(TAP, "--delay", "acc_tipX=1e-5", "-o", tmp_path / "c.h5")
+    a, b, c = (read_result(tmp_path / name, Frf).values for name in ("a.h5", "b.h5", "c.h5"))
+    np.testing.assert_array_equal(a, c)
+    np.testing.assert_array_equal(b, c)
+
+
+def test_the_recipe_takes_the_same_options_in_si():
+    from millcal.io.recipe_tables import FrfTable
+
+    given = FrfTable(delays_s={"acc_tipX": 12e-6}, flip=("tipX",), exponential=0.05).arguments()
+    assert (given["delays"], given["flip"], given["exponential"]) == ({"acc_tipX": 12e-6}, ("tipX",), 0.05)
