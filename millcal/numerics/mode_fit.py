@@ -271,6 +271,23 @@ class Sensitivity(NamedTuple):
         pairs = zip(self.parts, residuals, strict=True)
         return poles, tuple(part.linear(residual - part.slope @ poles) for part, residual in pairs)
 
+    def steps(self, number: int, changes: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+        """The same for many changes of the residual of one test, each beside the fit's.
+
+        changes : (output, row, change)
+        returns (change, 2 mode) of ln f_n then ln zeta, and of each test (change, output, unknown)
+        """
+        own = self.parts[number]
+        along = np.swapaxes(own.basis, 1, 2) @ changes  # (output, unknown, change)
+        gradient = np.einsum("ork,orc->ck", own.slope, changes - own.basis @ along, optimize=True)
+        poles = gradient @ self.inverse
+        linear = []
+        for part in self.parts:
+            right = -(np.swapaxes(part.basis, 1, 2) @ part.slope) @ poles.T
+            right = right + along if part is own else right
+            linear.append(np.moveaxis(np.linalg.solve(part.triangle, right) / part.scale[:, :, None], -1, 0))
+        return poles, tuple(linear)
+
 
 def sensitivity(tests: Sequence[Channels], fit: Fit, model: Model) -> Sensitivity:
     """The linearised problem at a fit, for intervals."""

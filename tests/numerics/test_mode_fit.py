@@ -129,6 +129,22 @@ def test_a_step_follows_a_small_change_of_the_data():
     np.testing.assert_allclose(linear[0], again.linear[0] - fit.linear[0], atol=0.02 * np.abs(linear[0]).max())
 
 
+@pytest.mark.parametrize("inputs", [1, 2])
+def test_many_steps_at_once_are_those_one_by_one(inputs):
+    rng = np.random.default_rng(7)
+    tests = [a_test(rng, inputs, noise=0.01)[0], a_test(rng, inputs, outputs=3, noise=0.01)[0]]
+    fit = fit_poles(tests, FN, ZETA, REAL, tolerance=1e-14)
+    known = sensitivity(tests, fit, REAL)
+    changes = rng.standard_normal((*known.parts[1].residual.shape, 4))
+    poles, linear = known.steps(1, changes)
+    resting = known.step([])
+    for k in range(4):
+        one, own = known.step([(1, known.parts[1].residual + changes[..., k])])
+        np.testing.assert_allclose(poles[k], one - resting[0], rtol=1e-9, atol=1e-12 * np.abs(poles).max())
+        for many, alone, still in zip(linear, own, resting[1], strict=True):
+            np.testing.assert_allclose(many[k], alone - still, rtol=1e-6, atol=1e-9 * np.abs(many).max())
+
+
 def test_a_pole_decays():
     assert (pole_of(FN, ZETA).real < 0).all()
     np.testing.assert_allclose(np.abs(pole_of(FN, ZETA)), 2 * np.pi * FN)

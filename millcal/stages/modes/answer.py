@@ -74,8 +74,16 @@ def answer(frf: Frf, problem: Problem, lines: np.ndarray, found: Found, poles: P
         stiffness=_stiffness(fit, constants, dofs, frf.inputs[0]),
         axes=tuple(dofs[int(np.argmax(row.real))][-1:].lower() if dofs else "" for row in constants),
         fit=record,
-        notices=tuple(_notices(record, fit, constants, dofs, why_no_jackknife(problem))),
+        notices=tuple(_notices(record, fit, constants, dofs, _intervals_from(problem))),
     )
+
+
+def _intervals_from(problem: Problem) -> str:
+    """Why intervals do not come from leaving hits out, and what they know instead."""
+    why = why_no_jackknife(problem)
+    if any(test.spectra is None for test in problem.tests):
+        return f"{why}: intervals come from the scatter of the lines alone and are too short"
+    return f"{why}: intervals come from the noise of the channels alone; how hits differ they do not know"
 
 
 def _residual(problem: Problem, measured: np.ndarray, as_measured: np.ndarray) -> tuple[np.ndarray, float]:
@@ -102,8 +110,8 @@ def _stiffness(fit: Fit, constants: np.ndarray, dofs: list[str], first: str) -> 
     return (2 * np.pi * fit.natural_frequency) ** 2 / np.where(alpha > 0, alpha, np.nan)
 
 
-def _notices(record: ModalFit, fit: Fit, constants: np.ndarray, dofs: list[str], why: str) -> list[Notice]:
-    """What a user should know before relying on the numbers.   why : there is no jackknife"""
+def _notices(record: ModalFit, fit: Fit, constants: np.ndarray, dofs: list[str], behind: str) -> list[Notice]:
+    """What a user should know before relying on the numbers.   behind : where intervals come from"""
     notices = []
     if record.residual_relative > EXPLAINED:
         left = f"{100 * record.residual_relative:.0f} %"
@@ -135,8 +143,7 @@ def _notices(record: ModalFit, fit: Fit, constants: np.ndarray, dofs: list[str],
     for dof, own in zip(dofs, constants.T, strict=True):
         notices += _of_driving_point(dof, record, fit, own)
     if record.interval_from != "jackknife":
-        message = f"{why}: intervals come from the scatter of the lines alone and are too short"
-        notices.append(Notice("intervals-from-lines", message))
+        notices.append(Notice("intervals-from-lines", behind))
     return notices
 
 

@@ -3,7 +3,8 @@
 The least-squares covariance knows the noise of the lines, not that of the hits: an error of the force spectrum multiplies
 all responses of a hit at all frequencies alike, so that lines are not independent and the covariance comes out too small.
 The jackknife over hits sees it. Each delete-one estimate is one Gauss-Newton step away from that of all hits, with the
-windows' losses reckoned anew, so that it costs no search.
+windows' losses reckoned anew, so that it costs no search. Where hits are too few, the noise of the hammer, which is known from
+the samples before the pulse, is carried through instead, beside the scatter of the lines.
 
 References
 ----------
@@ -19,6 +20,7 @@ from millcal.numerics.mode_fit import Channels, Fit, Model, Sensitivity, columns
 from millcal.stages.modes.problem import Problem
 
 FEWEST_HITS = 3  # of a test, for a jackknife
+SAMPLES = 64  # of the force that are gone through at a time
 UNKNOWN = 3.0  # e-folds: a frequency or damping that is off by more is not known at all
 
 
@@ -33,7 +35,7 @@ class Deviations(NamedTuple):
 
 
 def deviations(problem: Problem, fit: Fit, model: Model) -> Deviations:
-    """Deviations by hit where every test has hits enough, else by the scatter of the lines."""
+    """Deviations by hit where every test has hits enough, else by the scatter of the lines and the noise of the hammer."""
     known = sensitivity(problem.channels, fit, model)
     if can_leave_hits_out(problem):
         return _by_hit(problem, fit, model, known)
@@ -130,7 +132,11 @@ def _moved(fit: Fit, poles: np.ndarray, linear: tuple[np.ndarray, ...]) -> Fit:
 
 
 def _by_line(problem: Problem, fit: Fit, model: Model, known: Sensitivity) -> Deviations:
-    """Deviations from the scatter of the lines about the model: all there is of one hit, and too small where it misfits."""
+    """Deviations from the scatter of the lines about the model, and from the noise that the hammer is known to have.
+
+    All there is of one hit, and too small where the model does not fit. The noise of the hammer scatters no lines: it
+    multiplies the whole response by an error that is smooth over a resonance, and outweighs the other where damping is light.
+    """
     base = residues(problem, fit, model)
     freedom = max(fit.rows - fit.unknowns, 1)
     sd = np.sqrt(fit.cost / freedom)
@@ -150,14 +156,54 @@ def _by_line(problem: Problem, fit: Fit, model: Model, known: Sensitivity) -> De
                 linear = [np.zeros_like(own) for own in fit.linear]
                 linear[number][o] = column
                 steps.append(_moved(fit, still, tuple(linear)))
+    steps += _by_hammer(problem, fit, model, known)
+    n = len(fit.natural_frequency)
     residue = np.stack([residues(problem, step, model) - base for step in steps])
-    return Deviations(
+    flat = [
         np.stack([step.natural_frequency - fit.natural_frequency for step in steps]),
         np.stack([step.damping_ratio - fit.damping_ratio for step in steps]),
-        residue,
-        float(freedom),
-        "least squares",
-    )
+        np.nan_to_num(residue.real.reshape(len(steps), -1)),
+        np.nan_to_num(residue.imag.reshape(len(steps), -1)),
+    ]
+    rows = np.linalg.qr(np.concatenate(flat, axis=1), mode="r")  # as few as have the same products
+    frequency, damping, real, imag = np.split(rows, [n, 2 * n, 2 * n + base.size], axis=1)
+    residue = np.where(np.isfinite(base), (real + 1j * imag).reshape(len(rows), *base.shape), np.nan)
+    return Deviations(frequency, damping, residue, float(freedom), "least squares")
+
+
+def _by_hammer(problem: Problem, fit: Fit, model: Model, known: Sensitivity) -> list[Fit]:
+    """One step for every sample within the force windows, of the size of its noise, which is independent of the others'.
+
+    An error dF of one input of hit h moves H = X F^H S_ff^-1 by -H dF f_h^H S_ff^-1 to first order.
+    """
+    steps = []
+    for number, test in enumerate(problem.tests):
+        spectra, channels = test.spectra, test.channels
+        if spectra is None or test.force is None or not spectra.force_noise.any():
+            continue
+        hits, inputs, samples = spectra.force.shape
+        phi, _ = columns(channels, fit.natural_frequency, fit.damping_ratio, model)
+        H = combined(phi, fit.linear[number])
+        mixing = np.einsum("hil,lij->hlj", test.force.conj(), np.linalg.inv(test.power))
+        noise = np.sqrt(spectra.force_noise / (hits * samples))  # of a sample
+        for hit in range(hits):
+            for i in range(inputs):
+                moved = whitened(channels, -noise[i] * H[:, :, i, None] * mixing[hit])
+                for some in np.array_split(np.arange(samples), -(-samples // SAMPLES)):
+                    later = np.exp(-np.outer(channels.s, spectra.force_start[hit] + some) / spectra.sample_rate)
+                    poles, linear = known.steps(number, _turned_rows(moved, np.repeat(later, inputs, axis=0)))
+                    steps += [_moved(fit, pole, tuple(part[k] for part in linear)) for k, pole in enumerate(poles)]
+    return steps
+
+
+def _turned_rows(rows: np.ndarray, factor: np.ndarray) -> np.ndarray:
+    """Whitened rows, real parts before imaginary ones, times complex numbers of each line and input.
+
+    rows : (output, row)   factor : (line and input, factor)   returns (output, row, factor)
+    """
+    real, imag = np.split(rows, 2, axis=1)
+    product = (real + 1j * imag)[:, :, None] * factor
+    return np.concatenate([product.real, product.imag], axis=1)
 
 
 def residues(problem: Problem, fit: Fit, model: Model) -> np.ndarray:

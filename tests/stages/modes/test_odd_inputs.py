@@ -16,6 +16,7 @@ from millcal.stages.modes import corrected_frf, fit_modes
 from millcal.stages.modes.problem import lines_of, problem_of, stride_of
 
 TOOL = STRUCTURES["B"]
+ONE = {"recordings": HAMMER[:1]}
 LINES = np.arange(300.0, 3000.0, 2.0)
 
 
@@ -71,6 +72,23 @@ def test_noise_of_the_hammer_is_no_mode(name, monkeypatch):
     assert not modes.fit.complex_modes
     assert modes.fit.delay is None
     assert errors(case.structure, modes).natural_frequency < 2e-4
+
+
+def test_intervals_of_one_hit_know_the_noise_of_the_hammer(monkeypatch):
+    """The scatter of the lines alone holds the truth in one of five."""
+    monkeypatch.setitem(impact_cases.KINDS, "noisy hammer", replace(KINDS["04_B_med"], noise=(1e-2, 5e-4), **ONE))
+    held = []
+    for seed in range(8):
+        case = make_case("noisy hammer", seed)
+        modes = fit_modes(estimate_frf(case.recordings, drop=range(1, 9)))
+        for estimate, true in (
+            (modes.frequency_estimate, TOOL.natural_frequency),
+            (modes.damping_estimate, TOOL.damping_ratio),
+        ):
+            low, high = modes.interval(estimate).T
+            held += list((low <= true) & (true <= high))
+        assert "1 hit at tipX" in modes.notices[-1].message
+    assert np.mean(held) > 0.85
 
 
 def with_displacement(name, seed, dofs, monkeypatch):
