@@ -1,5 +1,6 @@
 """What the user may ask of an FRF: an exponential window, delays, turned channels, several inputs, recordings that differ."""
 
+import time
 import tracemalloc
 from dataclasses import replace
 
@@ -250,10 +251,14 @@ def test_a_recording_larger_than_the_memory_is_read_through_with_progress(
     """66 s: 10 Msamples, 81 MB; twenty minutes: half a gigasample, 3.9 GB. The samples are never there as a whole."""
     samples = OnTheFly(structures["B"], seconds, channels, rate)
     told = []
+    begin = time.process_time()
     tracemalloc.start()
     frf = estimate_frf(recording_of(samples, rate), progress=lambda share, label: told.append(share))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
+    print(
+        f"{samples.shape[0] * samples.shape[1] / 1e6:.0f} Msamples: {time.process_time() - begin:.0f} s, {peak / 1e6:.0f} MB"
+    )
     assert frf.hits_used == (len(frf.hits),) == (int(np.ceil(samples.shape[1] / samples.period)),)
     assert peak < megabytes * 1e6
     assert samples.read < 2.2 * samples.shape[0] * samples.shape[1]  # the force, each hit to judge it, and its window
