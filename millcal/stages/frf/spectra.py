@@ -19,7 +19,7 @@ FAR = 5e-3  # s by which a response may be late at most
 BLOCK = 2e-3  # s over which the level of what is unexplained is averaged
 SINGLE = 1e-6  # of the largest value, what single precision leaves of it
 FEWEST_LINES = 32  # that tell where in time something happened
-PULSES = 4.0  # lines up to this many over the pulse are kept of each hit
+PULSES = 3.2  # lines up to this many over the pulse are kept of each hit
 
 
 def transform(

@@ -243,7 +243,7 @@ def recording_of(samples, rate=RATE):
 
 @pytest.mark.parametrize(
     ("seconds", "channels", "rate", "megabytes"),
-    [(66.0, 6, RATE, 30), pytest.param(1200.0, 8, 51200.0, 500, marks=pytest.mark.long)],
+    [(66.0, 6, RATE, 30), pytest.param(1200.0, 8, 51200.0, 600, marks=pytest.mark.long)],
 )
 def test_a_recording_larger_than_the_memory_is_read_through_with_progress(
     structures, seconds, channels, rate, megabytes
