@@ -1,11 +1,12 @@
 """An FRF as the least-squares problem of its modes: the form that was measured, whitened, with what its windows lost.
 
 Each group of hits that was estimated together is one test with its own windows. An FRF of another program says nothing of
-its hits: then its variance gives the weights, or the scatter between neighbouring lines where it has none.
+its hits: then its variance or coherence gives the weights, or the scatter between neighbouring lines where it has neither.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from millcal.physics.structure import DERIVATIVES, convert_frf, convert_frf_vari
 FEWEST_LINES = 16
 FORCE_NOISE = 2.0  # times what noise of the force leaves on average: smooth over a resonance, it averages little
 ROUNDING = 1e-6  # share of the largest value of a pair that no other program's digits tell
+USUAL_HITS = 5  # where a file has coherence and does not say of how many hits
 SILENT = 1e-8  # noise below this share of the response is rounding, and says nothing of the weights
 
 
@@ -182,32 +184,57 @@ def _of_lines(frf: Frf, lines: np.ndarray, s: np.ndarray, values: np.ndarray, po
     frequency = frf.frequency[lines]
     alive = values[:, rows, columns].any(axis=0)
     noise = [_noise(frf, lines, o, i, values[:, o, i]) for o, i in zip(rows[alive], columns[alive], strict=True)]
-    slope = float(np.mean([own for own, _ in noise]))
+    slope = float(np.mean([own.slope for own in noise]))
     middle = np.exp(np.mean(np.log(frequency)))
-    root = ((frequency / middle) ** -slope)[:, None, None]
-    level = np.full(len(rows), max(own for _, own in noise))  # also of a pair that never moves
-    level[alive] = [own for _, own in noise]
+    root = (frequency / middle) ** -slope
+    level = np.full(len(rows), max(own.level for own in noise))  # also of a pair that never moves
+    level[alive] = [own.level for own in noise]
     level *= np.sqrt(0.5)  # of each part
-    channels = Channels(s, values[:, rows, columns].T[:, :, None], root, level, power[rows], None)
+    beyond = sum(float(np.sum(2.0 * (own.variance * root**2 / own.level**2 - 1.0))) for own in noise if own.measured)
+    excess = FORCE_NOISE * max(beyond, 0.0)
+    channels = Channels(
+        s, values[:, rows, columns].T[:, :, None], root[:, None, None], level, power[rows], None, excess
+    )
     return Test(channels, rows[:, None], columns[:, None])
 
 
-def _noise(frf: Frf, lines: np.ndarray, o: int, i: int, values: np.ndarray) -> tuple[float, float]:
-    """Noise of the lines of a pair: from the FRF's variance, or from the scatter about neighbours.
+class _Noise(NamedTuple):
+    """Noise of the lines of a pair."""
 
-    Either is noisy itself, and the scatter is also large where a resonance bends, so that a power of the frequency is laid
-    through its medians: an accelerometer's white noise falls with the square of the frequency in a receptance.
-    returns the power, and the standard deviation at the middle of the band
+    slope: float  # power of the frequency
+    level: float  # standard deviation at the middle of the band
+    variance: np.ndarray  # (line,)
+    measured: bool  # the variance has in it what scatters no lines, the noise of the hammer
+
+
+def _noise(frf: Frf, lines: np.ndarray, o: int, i: int, values: np.ndarray) -> _Noise:
+    """Noise of the lines of a pair: from the FRF's variance or coherence, or from the scatter about neighbours.
+
+    Each is noisy itself, and larger where a resonance is, so that a power of the frequency is laid through its medians: an
+    accelerometer's white noise falls with the square of the frequency in a receptance.
     """
     frequency = frf.frequency[lines]
-    if frf.variance is not None and np.isfinite(frf.variance[lines, o, i]).all():
-        variance = convert_frf_variance(frequency, frf.variance[lines, o, i], frf.form, forms_of(frf)[o])
-    else:  # E|second difference|^2 of white noise is six times its variance
-        bend = np.abs(np.diff(values, 2)) ** 2 / 6.0
-        variance = np.concatenate([bend[:1], bend, bend[-1:]])
+    variance, measured = _variance(frf, lines, o, i, values)
     floor = (ROUNDING * np.abs(values).max()) ** 2
     parts = np.array_split(np.arange(len(lines)), min(12, len(lines) // 4))
     level = [0.5 * np.log(max(float(np.median(variance[part])), floor)) for part in parts]
     middle = np.array([np.log(float(np.median(frequency[part]))) for part in parts])
     slope, offset = np.polyfit(middle - np.mean(np.log(frequency)), level, 1)
-    return float(slope), float(np.exp(offset))
+    return _Noise(float(slope), float(np.exp(offset)), variance, measured)
+
+
+def _variance(frf: Frf, lines: np.ndarray, o: int, i: int, values: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Variance of the lines of a pair, and whether it was measured.   returns (line,)
+
+    From coherence it is |H|^2 (1 - g^2) / (g^2 (n - 1)) for n hits; files of other programs do not say how many.
+    """
+    if frf.variance is not None and np.isfinite(frf.variance[lines, o, i]).all():
+        own = frf.variance[lines, o, i]
+        return convert_frf_variance(frf.frequency[lines], own, frf.form, forms_of(frf)[o]), True
+    if frf.coherence is not None:
+        coherence = frf.coherence[lines, o, i]
+        if np.median(coherence) < 1.0:  # it is 1 of a single hit, and nan where it was not measured
+            hits = frf.hits_used[i] if frf.hits_used[i] > 1 else USUAL_HITS
+            return np.abs(values) ** 2 * (1.0 / np.maximum(coherence, 1e-3) - 1.0) / (hits - 1), True
+    bend = np.abs(np.diff(values, 2)) ** 2 / 6.0  # E|second difference|^2 of white noise is six times its variance
+    return np.concatenate([bend[:1], bend, bend[-1:]]), False

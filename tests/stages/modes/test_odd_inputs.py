@@ -74,6 +74,18 @@ def test_noise_of_the_hammer_is_no_mode(name, monkeypatch):
     assert errors(case.structure, modes).natural_frequency < 2e-4
 
 
+@pytest.mark.parametrize("known", ["variance", "coherence"])
+def test_noise_of_another_programs_hammer_is_no_mode_either(known, monkeypatch):
+    """A file without hits tells it by the variance of its lines, or by their coherence."""
+    monkeypatch.setitem(impact_cases.KINDS, "noisy hammer", replace(KINDS["06_A_med"], noise=(2e-2, 5e-4)))
+    case = make_case("noisy hammer", 1)
+    frf = replace(estimate_frf(case.recordings), tests=(), hits_used=(0, 0, 0))
+    modes = fit_modes(frf if known == "variance" else replace(frf, variance=None))
+    assert len(modes.natural_frequency) == 3
+    assert not modes.fit.complex_modes
+    assert errors(case.structure, modes).natural_frequency < 5e-4
+
+
 def test_intervals_of_one_hit_know_the_noise_of_the_hammer(monkeypatch):
     """The scatter of the lines alone holds the truth in one of five."""
     monkeypatch.setitem(impact_cases.KINDS, "noisy hammer", replace(KINDS["04_B_med"], noise=(1e-2, 5e-4), **ONE))
