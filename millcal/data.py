@@ -430,6 +430,97 @@ class Coefficients(Record):
     notices: tuple[Notice, ...] = ()
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CutSamples(Record):
+    """A cut sample by sample: the force on the tool, where the spindle stands, and how the tool meets the work.
+
+    Offset and drift of the amplifier are taken out; nothing is smoothed. The spindle angle counts from tooth 0 only where
+    `angle_from` is "stated": else it misses a constant, which whoever fits these samples finds.
+    """
+
+    name: str
+    cutter: Cutter
+    conditions: CuttingConditions
+    force: np.ndarray = array("N", "axis", "sample")
+    axes: tuple[str, ...]  # x, y, z: those that were measured
+    angle: np.ndarray = array("rad", "sample")  # of the spindle, rising without jumps
+    angle_from: Literal["speed", "pulse", "encoder", "stated"]
+    feed_per_tooth: np.ndarray = array("m", "sample")
+    axial_depth: np.ndarray = array("m", "sample")
+    entry: np.ndarray = array("rad", "sample")
+    leave: np.ndarray = array("rad", "sample")
+    feed_direction: np.ndarray = array("rad", "sample")  # of the feed in the axes of the forces, from +x towards +y
+    sample_rate: float  # Hz
+    start: float  # s, of the first sample here after the first of the recording
+    spindle_frequency: float  # Hz
+    air_force: np.ndarray = array("N", "axis", "air sample")  # of the air cuts, less offset and drift; none is allowed
+    air_spans: tuple[tuple[int, int], ...] = ()  # of `air_force`: what is one piece, (start, stop)
+    notices: tuple[Notice, ...] = ()
+
+
+@dataclass(frozen=True)
+class Jump:
+    """A sudden change of the coefficients: a chipped edge, another material."""
+
+    time: float  # s, as the history's
+    change: tuple[float, ...]  # of ln(specific force) at the reference chip, in each direction t, r(, a)
+    sd: tuple[float, ...]
+    log_bayes_factor: float  # of the record with this jump against the record without
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CoefficientHistory(Record):
+    """Coefficients that change while cutting, followed through recorded cuts, with what a reader needs to believe them.
+
+    Steps are the instants that are kept, of all cuts one behind the other; `time` runs on over the cuts without a gap.
+    """
+
+    posterior: Posterior  # at the last step: the tool as the record leaves it
+    method: str  # rls, enkf, enkf-inflated, imm, smooth
+    cutter: Cutter
+    conditions: tuple[CuttingConditions, ...]  # of each cut
+    cuts: tuple[str, ...]
+    verdict: str  # "fits", "does not fit: ..."
+    checks: tuple[Check, ...]
+    time: np.ndarray = array("s", "step")
+    cut: np.ndarray = array("1", "step")  # index of the cut a step belongs to
+    names: tuple[str, ...]  # of the coefficients: kt kr ka mt mr ma, or Ktc Krc Kac Kte Kre Kae; no runout
+    units: tuple[str, ...]
+    value: np.ndarray = array("SI of each coefficient", "step", "coefficient")
+    low: np.ndarray = array("SI of each coefficient", "step", "coefficient")  # 95 % band, at each step by itself
+    high: np.ndarray = array("SI of each coefficient", "step", "coefficient")
+    reference_chip: float  # m: h0, near the chips of these cuts, where the force is known best
+    directions: tuple[str, ...]  # t, r(, a)
+    specific_force: np.ndarray = array("N/m^2", "step", "direction")  # on a chip of thickness h0
+    specific_low: np.ndarray = array("N/m^2", "step", "direction")
+    specific_high: np.ndarray = array("N/m^2", "step", "direction")
+    axes: tuple[str, ...]  # x, y, z: those that were measured
+    innovation_mean: np.ndarray = array("1", "step", "axis")  # over the samples of a step, in standard deviations
+    innovation_square: np.ndarray = array("1", "step", "axis")  # mean square; 1 where model and noise are right
+    shown: np.ndarray = array("s", "shown")  # instants of the force that are drawn: short windows of the record
+    shown_window: np.ndarray = array("1", "shown")  # index of the window
+    measured: np.ndarray = array("N", "axis", "shown")
+    modelled: np.ndarray = array("N", "axis", "shown")
+    residual_rms: np.ndarray = array("N", "axis")
+    r2: np.ndarray = array("1", "axis")
+    noise: np.ndarray = array("N", "axis")  # standard deviation, of the air cut where there is one
+    noise_from: Literal["air", "idle", "residual"]
+    chi2: float  # mean square of the normalised residuals of the stiff model: 1 where model and noise are right
+    chip_range: tuple[float, float]  # m, 5 % and 95 % of the chips: where the force is known
+    slope_per_minute: np.ndarray = array("1/min", "direction")  # of the specific force, relative, over the whole time
+    slope_low: np.ndarray = array("1/min", "direction")  # 95 %
+    slope_high: np.ndarray = array("1/min", "direction")
+    jumps: tuple[Jump, ...] = ()
+    runout: tuple[float, float] | None = None  # m, (c0, s0) as in the posterior; None: not estimated
+    model: str = ""  # what was chosen among the trend models, and by how much
+    notices: tuple[Notice, ...] = ()
+
+    @property
+    def law(self) -> str:
+        """linear-edge or kienzle"""
+        return self.posterior.law
+
+
 @dataclass(frozen=True)
 class BestSpeed:
     """A speed worth running: the top of a stable pocket."""
