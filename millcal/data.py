@@ -510,6 +510,7 @@ class CoefficientHistory(Record):
     slope_per_minute: np.ndarray = array("1/min", "direction")  # of the specific force, relative, over the whole time
     slope_low: np.ndarray = array("1/min", "direction")  # 95 %
     slope_high: np.ndarray = array("1/min", "direction")
+    innovation_samples: np.ndarray | None = array("1", "step", optional=True)  # behind each step, for what to expect
     jumps: tuple[Jump, ...] = ()
     runout: tuple[float, float] | None = None  # m, (c0, s0) as in the posterior; None: not estimated
     model: str = ""  # what was chosen among the trend models, and by how much
