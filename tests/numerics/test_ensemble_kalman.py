@@ -197,7 +197,7 @@ def test_projection_is_the_nearest_point_and_does_nothing_twice():
     once = ek.project(members, limits, [(2, 1.5)])
     assert ek.project(once, limits, [(2, 1.5)]) == pytest.approx(once, rel=1e-15)
     assert np.array_equal(once[:, 1], members[:, 1])
-    assert np.array_equal(np.ptp(once[:, 0]), 3.0)
+    assert np.ptp(once[:, 0]) == 3.0
     assert np.hypot(once[:, 2], once[:, 3]).max() == pytest.approx(1.5)
     inside = (np.hypot(members[:, 2], members[:, 3]) <= 1.5) & (np.abs(members[:, 0] - 0.5) <= 1.5)
     assert np.array_equal(once[inside], members[inside])
@@ -210,7 +210,7 @@ def test_a_known_state_has_no_column_in_the_root():
     P = np.diag([4.0, 0.0, 9.0])
     P[0, 2] = P[2, 0] = 3.0
     L = ek.semidefinite_root(P)
-    assert L @ L.T == pytest.approx(P)
+    assert np.ptp(once[:, 0]) == pytest.approx(3.0, rel=1e-15)
     assert not L[:, 1].any()
     assert ek.semidefinite_root(PRIOR) == pytest.approx(np.linalg.cholesky(PRIOR), rel=1e-14)
 
