@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from millcal.data import AXES, Coefficients, CutForce, Frf, Modes, Record, Recording, StabilityMap
+from millcal.data import AXES, CoefficientHistory, Coefficients, CutForce, Frf, Modes, Record, Recording, StabilityMap
 from millcal.io.summaries import summarise
 
 
@@ -210,6 +210,48 @@ def _coefficients_text(fit: Coefficients) -> str:
     return "\n".join(lines)
 
 
+def _history_text(history: CoefficientHistory) -> str:
+    s = summarise(history)
+    n = len(history.cuts)
+    duration = "" if s["duration_s"] is None else f", {_cell(s['duration_s'])} s"
+    rows = [(name, c["value"], *c["ci95"], c["unit"]) for name, c in s["coefficients"].items()]
+    course, last = s["history"]["specific_force_N_per_mm2"], s["specific_force_end_N_per_mm2"]
+    change = [
+        (
+            direction,
+            course[direction][0] if course[direction] else None,
+            last[direction]["value"] if last else None,
+            _interval(last[direction]["ci95"] if last else None),
+            s["slope_percent_per_min"][direction]["value"],
+            _interval(s["slope_percent_per_min"][direction]["ci95"]),
+        )
+        for direction in history.directions
+    ]
+    lines = [
+        f"{s['law']} law by {s['method']} from {n} cut{'s' if n > 1 else ''}{duration}; at the end:",
+        table(("", "value", "95 % from", "to", "unit"), rows),
+        "",
+        f"specific force on a chip of {_cell(s['reference_chip_um'])} um, N/mm^2 (the chips are "
+        f"{_interval(s['chip_range_um'])} um):",
+        table(("", "start", "end", "95 %", "%/min", "95 %"), change),
+    ]
+    for jump in s["jumps"]:
+        by = ", ".join(
+            f"{d} {_percentage(c['value'])} ({_interval(c['ci95'])})" for d, c in jump["change_percent"].items()
+        )
+        lines.append(f"jump at {_cell(jump['time_s'])} s: {by}; ln Bayes factor {_cell(jump['log_bayes_factor'])}")
+    lines += [f"model: {s['model']}"] if s["model"] else []
+    quality = [("R2", "r2"), ("residual rms N", "residual_rms_N"), (f"noise N ({s['noise_from']})", "noise_N")]
+    known = [(name, *(s[key][axis] for axis in history.axes)) for name, key in quality]
+    lines += ["", table(("", *history.axes), known), f"chi2 {_cell(s['chi2'])}", "", f"verdict: {history.verdict}"]
+    lines += [f"  failed: {check.name}: {check.message}" for check in history.checks if not check.passed]
+    return "\n".join(lines)
+
+
+def _percentage(value: float | None) -> str:
+    return "-" if value is None else f"{value:+.3g} %"
+
+
 def _stability_text(found: StabilityMap) -> str:
     s = summarise(found)
     banded = found.limit_low is not None
@@ -270,7 +312,11 @@ def _round_speeds(rpm: np.ndarray) -> list[int]:
 
 
 def _interval(bounds: Sequence[float | None] | None) -> str:
-    return "-" if bounds is None else " to ".join(_cell(bound) for bound in bounds)
+    return (
+        "-"
+        if bounds is None or all(bound is None for bound in bounds)
+        else " to ".join(_cell(bound) for bound in bounds)
+    )
 
 
 _TEXTS: dict[type, Callable[[Any], str]] = {
@@ -279,6 +325,7 @@ _TEXTS: dict[type, Callable[[Any], str]] = {
     Frf: _frf_text,
     Modes: _modes_text,
     Coefficients: _coefficients_text,
+    CoefficientHistory: _history_text,
     StabilityMap: _stability_text,
 }
 

@@ -51,11 +51,17 @@ def write_results(path: Path, records: Sequence[Record], *, provenance: dict) ->
         _write_many(file, records)
 
 
-def read_result(path: Path, record_type: type[R]) -> R:
-    """Read back the record of a file that `write_result` made; a plain FRF file of the contract will do as an `Frf`."""
+def read_result(path: Path, record_type: type[R] | tuple[type[R], ...]) -> R:
+    """Read back the record of a file that `write_result` made; a plain FRF file of the contract will do as an `Frf`.
+
+    record_type : of several types that will do, the one that the file says it holds
+    """
     with _opened(path) as file:
-        _check_kind(path, file, "record", record_type)
-        return _read_record(file, record_type)
+        types = record_type if isinstance(record_type, tuple) else (record_type,)
+        held = _text(file.attrs.get("record", ""))
+        kind = next((one for one in types if one.__name__ == held), types[0])
+        _check_kind(path, file, "record", kind, types)
+        return _read_record(file, kind)
 
 
 def read_results(path: Path, record_type: type[R]) -> tuple[R, ...]:
@@ -97,7 +103,9 @@ def _opened(path: Path) -> Iterator[h5py.File]:
             raise RecordingError(f"{path}: damaged result ({reason}); make the result again") from None
 
 
-def _check_kind(path: Path, file: h5py.File, attribute: str, record_type: type[Record]) -> None:
+def _check_kind(
+    path: Path, file: h5py.File, attribute: str, record_type: type[Record], any_of: Sequence[type[Record]] = ()
+) -> None:
     found = _text(file.attrs.get("format", ""))
     kind = _text(file.attrs.get(attribute, ""))
     wanted = record_type.__name__
@@ -108,12 +116,14 @@ def _check_kind(path: Path, file: h5py.File, attribute: str, record_type: type[R
     if found == FORMAT and int(file.attrs.get("version", 0)) > VERSION:
         raise RecordingError(f"{path}: written by a newer millcal; update millcal to read it")
     held = kind or _text(file.attrs.get("records", file.attrs.get("record", ""))) or found or "no result of millcal"
-    raise RecordingError(f"{path}: holds {held} where {wanted} is needed; {_MAKERS.get(wanted, 'give another file')}")
+    needed = " or ".join(one.__name__ for one in any_of) or wanted
+    raise RecordingError(f"{path}: holds {held} where {needed} is needed; {_MAKERS.get(wanted, 'give another file')}")
 
 
 _MAKERS = {
     "Frf": "make one with 'millcal frf'",
     "Coefficients": "make them with 'millcal identify'",
+    "CoefficientHistory": "make one with 'millcal identify --method smooth'",
     "StabilityMap": "make one with 'millcal stability'",
     "CutForce": "make them with 'millcal fit'",
 }

@@ -9,21 +9,27 @@ from typing import Any
 
 import numpy as np
 
-from millcal.data import AXES, Coefficients, CutForce, Frf, Modes, Notice, Posterior, Record, Recording, StabilityMap
+from millcal.data import (
+    AXES,
+    CoefficientHistory,
+    Coefficients,
+    CutForce,
+    Frf,
+    Modes,
+    Notice,
+    Record,
+    Recording,
+    StabilityMap,
+)
+from millcal.io.history_summary import summarise_history
 from millcal.io.keys import keys_of
 from millcal.io.modal_summary import summarise_modes
-from millcal.units import SUFFIXES, to_shop
-
-_SHOP = {  # SI unit of a parameter -> its unit on the shop floor: as the key says it, and as it is written
-    "N/m^2": ("N_per_mm2", "N/mm^2"),
-    "N/m": ("N_per_mm", "N/mm"),
-    "m": ("um", "um"),
-    "rad": ("deg", "deg"),
-}
+from millcal.io.parameter_summary import known, offset_of_the_cutter, posterior_summary, shop, shop_value
+from millcal.units import SUFFIXES
 
 
 def summarise(record: Record) -> dict[str, Any]:
-    """The JSON `result` of a record: recording, cut, FRF, modes, coefficients or stability map."""
+    """The JSON `result` of a record: recording, cut, FRF, modes, coefficients, their history or stability map."""
     return _SUMMARIES[type(record)](record)
 
 
@@ -71,17 +77,8 @@ def _without_unit(key: str) -> str:
     return next((key[: -len(unit) - 1] for unit in sorted(SUFFIXES, key=len)[::-1] if key.endswith("_" + unit)), key)
 
 
-def _known(value: Any) -> float | None:
-    return float(value) if value is not None and isfinite(value) else None
-
-
-def _shop(value: float | None, key: str) -> float | None:
-    """An SI value in the unit of the key, None where there is none."""
-    return None if value is None else _known(to_shop(value, key))
-
-
 def _by_axis(values: np.ndarray | None) -> dict[str, float | None] | None:
-    return None if values is None else {axis: _known(value) for axis, value in zip(AXES, values, strict=True)}
+    return None if values is None else {axis: known(value) for axis, value in zip(AXES, values, strict=True)}
 
 
 def _recording(recording: Recording) -> dict[str, Any]:
@@ -111,8 +108,8 @@ def _cut_force(cut: CutForce) -> dict[str, Any]:
         "name": cut.name,
         "conditions": keys_of(cut.cutter, cut.conditions),
         "sample_rate_hz": cut.sample_rate,
-        "spindle_speed_rpm": _known(60 * cut.spindle_frequency),
-        "spindle_speed_sd_rpm": _known(60 * cut.spindle_frequency_sd),
+        "spindle_speed_rpm": known(60 * cut.spindle_frequency),
+        "spindle_speed_sd_rpm": known(60 * cut.spindle_frequency_sd),
         "revolutions": cut.revolutions,
         "steady_s": list(cut.steady),
         "air_s": [list(span) for span in cut.air],
@@ -125,7 +122,7 @@ def _cut_force(cut: CutForce) -> dict[str, Any]:
         "removed_offset_N": _by_axis(cut.removed_offset),
         "removed_drift_N_per_s": _by_axis(cut.removed_drift),
         "asynchronous_peaks": [
-            {"axis": p.axis, "frequency_hz": _known(p.frequency), "amplitude_N": _known(p.amplitude), "exceeds": _known(p.exceeds)}
+            {"axis": p.axis, "frequency_hz": known(p.frequency), "amplitude_N": known(p.amplitude), "exceeds": known(p.exceeds)}
             for p in cut.peaks
         ],
     }  # fmt: skip
@@ -144,81 +141,23 @@ def _frf(frf: Frf) -> dict[str, Any]:
         "outputs": list(frf.outputs),
         "inputs": list(frf.inputs),
         "hits_used": list(frf.hits_used),
-        "frequency_hz": [_known(frf.frequency[0]), _known(frf.frequency[-1]), len(frf.frequency)],
-        "usable_band_hz": [_known(low), _known(high)],
+        "frequency_hz": [known(frf.frequency[0]), known(frf.frequency[-1]), len(frf.frequency)],
+        "usable_band_hz": [known(low), known(high)],
         "coherence_median": coherence,
         "hits": [
-            {"recording": hit.recording, "index": hit.index, "onset_s": _known(hit.onset), "peak_N": _known(hit.peak),
+            {"recording": hit.recording, "index": hit.index, "onset_s": known(hit.onset), "peak_N": known(hit.peak),
              "accepted": hit.accepted, "reasons": list(hit.reasons), "remarks": list(hit.remarks)}
             for hit in frf.hits
         ],
     }  # fmt: skip
 
 
-def _posterior(posterior: Posterior) -> dict[str, Any]:
-    """Each parameter under its contract name: Ktc and mt as they are, the runout with its unit, c0_um."""
-    spread = np.sqrt(np.maximum(np.diag(posterior.covariance), 0.0))
-    told = {}
-    for i, (name, si_unit) in enumerate(zip(posterior.names, posterior.units, strict=True)):
-        suffix, unit = _SHOP.get(si_unit, ("", si_unit))
-        key = f"x_{suffix}"
-        told[f"{name}_{suffix}" if suffix in ("um", "deg") else name] = {
-            "value": _shop(posterior.mean[i], key),
-            "unit": unit,
-            "sd": _shop(spread[i], key),
-            "ci95": [_shop(bound, key) for bound in posterior.interval[i]],
-        }
-    return told
-
-
-def _shop_value(name: str, value: float) -> tuple[str, float | None]:
-    """A parameter of another model, its unit in the key: Ktc_N_per_mm2, Kte_N_per_mm, kt_N_per_mm2, c0_um, mt."""
-    if name in ("c0", "s0", "t0"):
-        return f"{name}_um", _shop(value, "x_um")
-    if name in ("mt", "mr", "ma"):
-        return name, _known(value)
-    suffix = "N_per_mm" if name in ("Kte", "Kre", "Kae") else "N_per_mm2"
-    return f"{name}_{suffix}", _shop(value, f"x_{suffix}")
-
-
 def _offset_of_the_cutter(fit: Coefficients) -> dict[str, Any]:
-    """rho and lambda of a parallel offset from c0 and s0, which are its parts in x and y at mid depth.
-
-    Intervals to first order, with the quantile of c0's own; a runout is never below 0, and one that may be 0 has no
-    direction. Nothing where the depths differ or s0 is not seen.
-    """
-    names, depths = fit.posterior.names, {conditions.axial_depth for conditions in fit.conditions}
-    if not {"c0", "s0"} <= set(names) or len(depths) > 1:
+    """rho and lambda where the cuts share one depth: c0 and s0 are the parts of the offset in x and y at mid depth."""
+    depths = {conditions.axial_depth for conditions in fit.conditions}
+    if len(depths) > 1:
         return {}
-    at = [names.index("c0"), names.index("s0")]
-    c0, s0 = fit.posterior.mean[at]
-    rho = np.hypot(c0, s0)
-    if rho == 0:
-        return {}
-    lag = float(fit.cutter.helix_lag(depths.pop() / 2))  # lambda is counted at the bottom
-    turn = (np.arctan2(s0, c0) - lag + np.pi) % (2 * np.pi) - np.pi
-    slopes = np.array([[c0, s0], [-s0 / rho, c0 / rho]]) / rho
-    spread = np.sqrt(np.diag(slopes @ fit.posterior.covariance[np.ix_(at, at)] @ slopes.T))
-    own = np.sqrt(fit.posterior.covariance[at[0], at[0]])
-    width = np.ptp(fit.posterior.interval[at[0]]) / 2
-    quantile = width / own if own > 0 else np.nan
-    low, high = rho - quantile * spread[0], rho + quantile * spread[0]
-    told = {
-        "rho_um": {
-            "value": _shop(rho, "rho_um"),
-            "unit": "um",
-            "sd": _shop(spread[0], "rho_um"),
-            "ci95": [_shop(max(low, 0.0), "rho_um"), _shop(high, "rho_um")],
-        }
-    }
-    known = not low <= 0
-    told["lambda_deg"] = {
-        "value": _shop(turn, "x_deg") if known else None,
-        "unit": "deg",
-        "sd": _shop(spread[1], "x_deg") if known else None,
-        "ci95": [_shop(turn + side * quantile * spread[1], "x_deg") if known else None for side in (-1, 1)],
-    }
-    return told
+    return offset_of_the_cutter(fit.posterior, float(fit.cutter.helix_lag(depths.pop() / 2)))
 
 
 def _coefficients(fit: Coefficients) -> dict[str, Any]:
@@ -229,14 +168,14 @@ def _coefficients(fit: Coefficients) -> dict[str, Any]:
             "measured_mean_N": _by_axis(fit.measured_mean[i]),
             "modelled_mean_N": _by_axis(fit.modelled_mean[i]),
             "left_out": None if fit.left_out_by_cut is None else _by_axis(fit.left_out_by_cut[i]),
-            "phase_deg": None if fit.phase is None else _shop(fit.phase[i], "phase_deg"),
+            "phase_deg": None if fit.phase is None else shop(fit.phase[i], "phase_deg"),
         }
         for i, (name, conditions) in enumerate(zip(fit.cuts, fit.conditions, strict=True))
     ]
     return {
         "method": fit.posterior.method,
         "law": fit.posterior.law,
-        "coefficients": {**_posterior(fit.posterior), **_offset_of_the_cutter(fit)},
+        "coefficients": {**posterior_summary(fit.posterior), **_offset_of_the_cutter(fit)},
         "verdict": fit.verdict,
         "checks": [{"name": c.name, "passed": c.passed, "message": c.message} for c in fit.checks],
         "r2": _by_axis(fit.r2),
@@ -247,7 +186,7 @@ def _coefficients(fit: Coefficients) -> dict[str, Any]:
         "in_sample_wide": _by_axis(fit.in_sample_wide),
         "left_out_wide": _by_axis(fit.left_out_wide),
         "alternatives": [
-            {"model": name, "values": dict(_shop_value(key, value) for key, value in values)}
+            {"model": name, "values": dict(shop_value(key, value) for key, value in values)}
             for name, values in fit.alternatives
         ],
         "cuts": cuts,
@@ -259,46 +198,46 @@ def _stability(found: StabilityMap) -> dict[str, Any]:
     limit = []
     for i, speed in enumerate(found.spindle_speed):
         crossing = {
-            "ap_mm": _shop(found.limit_depth[i], "ap_mm"),
+            "ap_mm": shop(found.limit_depth[i], "ap_mm"),
             "kind": "hopf",  # the zero-order approximation knows no flip
-            "chatter_hz": _known(found.chatter_frequency[i]),
-            "lobe": _known(found.lobe[i]),
+            "chatter_hz": known(found.chatter_frequency[i]),
+            "lobe": known(found.lobe[i]),
         }
         if banded:
-            crossing["ap_mm_ci95"] = [_shop(bound[i], "ap_mm") for bound in (found.limit_low, found.limit_high)]
-        limit.append({"rpm": _shop(speed, "x_rpm"), "crossings": [] if crossing["ap_mm"] is None else [crossing]})
+            crossing["ap_mm_ci95"] = [shop(bound[i], "ap_mm") for bound in (found.limit_low, found.limit_high)]
+        limit.append({"rpm": shop(speed, "x_rpm"), "crossings": [] if crossing["ap_mm"] is None else [crossing]})
     point = found.operating_point
     return {
         "method": found.method,
         "teeth": found.teeth,
-        "diameter_mm": _shop(found.diameter, "diameter_mm"),
-        "radial_depth_mm": _shop(found.radial_depth, "radial_depth_mm"),
+        "diameter_mm": shop(found.diameter, "diameter_mm"),
+        "radial_depth_mm": shop(found.radial_depth, "radial_depth_mm"),
         "direction": found.direction,
-        "feed_per_tooth_mm": _shop(found.feed_per_tooth, "feed_per_tooth_mm"),
+        "feed_per_tooth_mm": shop(found.feed_per_tooth, "feed_per_tooth_mm"),
         "minimum": {
-            "ap_mm": _shop(found.absolute_minimum, "ap_mm"),
-            "chatter_hz": _known(found.absolute_minimum_frequency),
+            "ap_mm": shop(found.absolute_minimum, "ap_mm"),
+            "chatter_hz": known(found.absolute_minimum_frequency),
         },
         "best": [
             {
-                "rpm": _shop(best.spindle_speed, "x_rpm"),
-                "ap_mm": _shop(best.axial_depth, "ap_mm"),
-                "mrr_cm3_per_min": _shop(best.removal_rate, "mrr_cm3_per_min"),
-                "p_stable": None if best.p_stable is None else _known(best.p_stable),
-                "safe_ap_mm": _shop(best.safe_depth, "ap_mm"),
+                "rpm": shop(best.spindle_speed, "x_rpm"),
+                "ap_mm": shop(best.axial_depth, "ap_mm"),
+                "mrr_cm3_per_min": shop(best.removal_rate, "mrr_cm3_per_min"),
+                "p_stable": None if best.p_stable is None else known(best.p_stable),
+                "safe_ap_mm": shop(best.safe_depth, "ap_mm"),
             }
             for best in found.best
         ],
         "operating_point": None
         if point is None
         else {
-            "rpm": _shop(point[0], "x_rpm"),
-            "ap_mm": _shop(point[1], "ap_mm"),
-            "p_stable": _known(found.operating_p_stable),
-            "limit_ap_mm": _shop(found.operating_limit, "ap_mm"),
+            "rpm": shop(point[0], "x_rpm"),
+            "ap_mm": shop(point[1], "ap_mm"),
+            "p_stable": known(found.operating_p_stable),
+            "limit_ap_mm": shop(found.operating_limit, "ap_mm"),
             "limit_ap_mm_ci95": None
             if found.operating_limit_interval is None
-            else [_shop(bound, "ap_mm") for bound in found.operating_limit_interval],
+            else [shop(bound, "ap_mm") for bound in found.operating_limit_interval],
         },
         "limit": limit,
     }
@@ -310,5 +249,6 @@ _SUMMARIES: dict[type, Callable[[Any], dict[str, Any]]] = {
     Frf: _frf,
     Modes: summarise_modes,
     Coefficients: _coefficients,
+    CoefficientHistory: summarise_history,
     StabilityMap: _stability,
 }

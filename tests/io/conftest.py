@@ -80,7 +80,13 @@ def modes(_rng):
     )
 
 
-MAKERS = {maker.__name__: maker for maker in (cut, frf, coefficients, stability_map, modes)}
+def history(_rng):
+    from histories import unknown  # here, for a test runs this file without the folder of the generators
+
+    return unknown()
+
+
+MAKERS = {maker.__name__: maker for maker in (cut, frf, coefficients, history, stability_map, modes)}
 
 
 @pytest.fixture(params=MAKERS)

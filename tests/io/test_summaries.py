@@ -9,6 +9,7 @@ import pytest
 from modal_fits import cut_off, single, six_by_three
 
 from millcal.data import BestSpeed, Channel, Posterior, Recording, StabilityMap
+from millcal.io.parameter_summary import posterior_summary
 from millcal.io.readable import _plus_minus, brief_of, table, text_of
 from millcal.io.summaries import summarise, value_at
 
@@ -43,9 +44,7 @@ def test_the_names_of_runout_carry_their_unit_and_exponents_none():
         names=("kt", "mt", "Kte", "c0"), units=("N/m^2", "1", "N/m", "m"), mean=np.array([5e8, 0.3, 2e4, 11e-6]),
         covariance=np.diag([1e12, 1e-4, 1e6, 1e-12]), interval=np.zeros((4, 2)), law="kienzle", method="nls",
     )  # fmt: skip
-    from millcal.io.summaries import _posterior
-
-    told = _posterior(posterior)
+    told = posterior_summary(posterior)
     assert {name: entry["unit"] for name, entry in told.items()} == {
         "kt": "N/mm^2", "mt": "1", "Kte": "N/mm", "c0_um": "um",
     }  # fmt: skip
