@@ -1,0 +1,439 @@
+"""Parameters that change over a record, seen through a nonlinear model: the iterated smoother and all it takes to trust it.
+
+The record is linearised about the present trajectory, smoothed, and linearised again (Gauss-Newton): the minimum of
+|measured - predicted|^2 + penalty of the trend model, in O(steps). Around that one step stand
+
+    scales      how fast things may change, by the innovations' likelihood with its exact score, then averaged over a grid,
+                because a scale that is itself uncertain makes intervals too short
+    jumps       the Bayes factor of a shock at every step comes with a pass of the smoother; the best is put in, kept if the
+                evidence pays for its position, moved, and taken out again if it no longer does
+    models      independent trends or a shared one (`trend_models`): the larger evidence
+    blocks      steps whose parameters are taken as equal are compressed to as many observations as there are parameters
+                by a QR factorisation, which loses nothing else
+
+`smooth` does all of this; the steps are functions of their own.
+
+References
+----------
+.. [deJong1988] P. de Jong, A cross-validation filter for time series models, Biometrika 75 (1988) 594-600.
+.. [Koopman1992] S. J. Koopman, N. Shephard, Exact score for time series models in state space form, Biometrika 79 (1992) 823-826.
+.. [Bell1994] B. M. Bell, The iterated Kalman smoother as a Gauss-Newton method, SIAM J. Optim. 4 (1994) 626-636.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from millcal.numerics.state_space import Filtered, Observed, Smoothed, filter_states, shock_evidence, smooth_states
+from millcal.numerics.trend_models import TrendModel
+
+CONVERGED = 1e-3  # of the largest change of a parameter
+PASSES = 12  # of Gauss-Newton at most
+LARGEST_STEP = (0.5, 0.15)  # of a level, of a shape
+WORSE = 1.2  # a step may raise the misfit this far
+SLOW = 0.03  # scale of a trend that cannot swallow a jump
+MOST_JUMPS = 8
+REACH = 60  # steps to either side over which the place of a jump is refined
+
+Predict = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+class Problem(NamedTuple):
+    """A record: what was measured at each step, and what parameters would have given, both in units of the noise."""
+
+    measured: np.ndarray  # (step, observation)
+    predict: (
+        Predict  # parameters (step, parameter) -> prediction (step, observation), slopes (step, observation, parameter)
+    )
+    time: np.ndarray  # (step,) rising from 0 to 1
+    block: np.ndarray  # (step,) int, rising from 0 without gaps: steps with equal parameters
+
+
+@dataclass(frozen=True, eq=False)
+class TrendFit:
+    """A trend model fitted to a record, at given or at the likeliest scales."""
+
+    model: TrendModel
+    problem: Problem
+    scales: np.ndarray  # (scale,)
+    jumps: tuple[int, ...]  # blocks before which the states may jump
+    state: np.ndarray  # (block, state)
+    seen: Observed
+    filtered: Filtered
+    smoothed: Smoothed
+
+    @property
+    def log_likelihood(self) -> float:
+        return self.filtered.log_likelihood
+
+    @property
+    def evidence(self) -> float:
+        """Log evidence: each jump pays ln(steps) for its place."""
+        return self.log_likelihood - len(self.jumps) * np.log(len(self.problem.measured))
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Parameters over the record with their uncertainty, averaged over the scales."""
+
+    fit: TrendFit
+    mean: np.ndarray  # (step, parameter)
+    covariance: np.ndarray  # (step, parameter, parameter)
+    evidence: dict[str, float]  # of each model that was tried
+    alternatives: dict[str, TrendFit]
+
+
+def blocks_of(time: np.ndarray, longest: int, breaks: np.ndarray | None = None) -> np.ndarray:
+    """Blocks of at most `longest` consecutive steps, never across a break.
+
+    breaks : (step,) bool, True where a step does not follow on the one before   returns (step,) int
+    """
+    breaks = np.zeros(len(time), bool) if breaks is None else np.asarray(breaks)
+    run = np.cumsum(breaks)
+    first = np.flatnonzero(np.concatenate([[True], run[1:] != run[:-1]]))
+    within = np.arange(len(time)) - np.repeat(first, np.diff(np.append(first, len(time))))
+    return np.cumsum(np.concatenate([[0], (within[1:] % longest == 0).astype(np.int64)]))
+
+
+def linearised(problem: Problem, model: TrendModel, state: np.ndarray) -> tuple[Observed, float]:
+    """The record as linear observations of the states about a trajectory.
+
+    state : (block, state)   returns what was seen, without shocks, and the sum of squares of the residuals
+    """
+    p = model.parameters(state)
+    predicted, slopes = problem.predict(p[problem.block])
+    residual = problem.measured - predicted
+    value = residual + np.einsum("saP,sP->sa", slopes, p[problem.block])
+    if len(p) < len(problem.block):
+        slopes, value = _compressed(slopes, value, problem.block)
+    G = model.slopes(state)
+    matrix = slopes @ G
+    value = value - np.einsum("boP,bP->bo", slopes, p - np.einsum("bPn,bn->bP", G, state))
+    count = np.bincount(problem.block)
+    time = np.bincount(problem.block, problem.time) / count
+    seen = Observed(
+        np.ascontiguousarray(matrix), np.ascontiguousarray(value), np.diff(time, prepend=0.0), np.zeros_like(state)
+    )
+    return seen, float(np.sum(residual**2))
+
+
+def _compressed(slopes: np.ndarray, value: np.ndarray, block: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """All observations of a block as those of a triangular factor; its last row is what no parameters explain.
+
+    returns slopes (block, parameter + 1, parameter), values (block, parameter + 1)
+    """
+    steps, seen, n = slopes.shape
+    count = np.bincount(block)
+    place = np.arange(steps) - np.repeat(np.cumsum(count) - count, count)
+    stacked = np.zeros((len(count), max(count.max() * seen, n + 1), n + 1))
+    rows = place[:, np.newaxis] * seen + np.arange(seen)
+    stacked[block[:, np.newaxis], rows, :n] = slopes
+    stacked[block[:, np.newaxis], rows, n] = value
+    R: np.ndarray = np.linalg.qr(stacked, mode="r")  # type: ignore[assignment]
+    R[:, n, :n] = 0.0
+    return R[:, :, :n], R[:, :, n]
+
+
+def fit_at(
+    problem: Problem,
+    model: TrendModel,
+    scales: np.ndarray,
+    jumps: Sequence[int] = (),
+    *,
+    start: np.ndarray | None = None,
+    limits: np.ndarray | None = None,
+) -> TrendFit:
+    """Gauss-Newton at given scales, until no parameter moves by more than a thousandth.
+
+    start : (block, state), where to begin   limits : (parameter,) largest change of a parameter in one pass
+    """
+    blocks = int(problem.block[-1]) + 1
+    x = np.broadcast_to(model.dynamics.start, (blocks, len(model.dynamics.start))) if start is None else start
+    intensity = np.asarray(scales)[model.scale_of]
+    seen, misfit = linearised(problem, model, x)
+    _put(seen, model, jumps)
+    for _ in range(PASSES):
+        filtered = filter_states(model.dynamics, intensity, seen)
+        smoothed = smooth_states(model.dynamics, intensity, seen, filtered, covariance=False)
+        at = model.parameters(x)
+        share, old = 1.0, misfit
+        change = np.abs(model.parameters(smoothed.mean) - at).max(axis=0)
+        if limits is not None:
+            share = min(1.0, float(np.min(limits / np.maximum(change, 1e-12))))
+        for _halved in range(4):
+            new = x + share * (smoothed.mean - x)
+            seen, misfit = linearised(problem, model, new)
+            if misfit <= WORSE * old:
+                break
+            share /= 2
+        _put(seen, model, jumps)
+        x = new
+        if share == 1.0 and change.max() < CONVERGED:
+            break
+    filtered = filter_states(model.dynamics, intensity, seen)
+    smoothed = smooth_states(model.dynamics, intensity, seen, filtered, covariance=False)
+    return TrendFit(model, problem, np.asarray(scales), tuple(jumps), x, seen, filtered, smoothed)
+
+
+def _put(seen: Observed, model: TrendModel, jumps: Sequence[int]) -> None:
+    seen.shock[list(jumps)] = model.shock
+
+
+def likeliest(fit: TrendFit, rounds: int = 2, limits: np.ndarray | None = None) -> TrendFit:
+    """The scales that maximise the innovations' likelihood, linearised again in between."""
+    for _ in range(rounds):
+        scales = _likeliest_scales(fit)
+        moved = np.abs(np.log10(scales / fit.scales)).max()
+        fit = fit_at(fit.problem, fit.model, scales, fit.jumps, start=fit.state, limits=limits)
+        if moved < 0.02:
+            break
+    return fit
+
+
+def _likeliest_scales(fit: TrendFit) -> np.ndarray:
+    """At the present linearisation; a faint pull to where it starts keeps flat directions in place."""
+    from scipy.optimize import minimize
+
+    model, start = fit.model, np.log10(fit.scales)
+
+    def cost(log_scale: np.ndarray) -> tuple[float, np.ndarray]:
+        intensity = (10.0**log_scale)[model.scale_of]
+        filtered = filter_states(model.dynamics, intensity, fit.seen)
+        smoothed = smooth_states(model.dynamics, intensity, fit.seen, filtered, covariance=False)
+        score = np.log(10) * np.bincount(model.scale_of, smoothed.score, minlength=len(log_scale))
+        pull = (log_scale - start) / 25
+        return -filtered.log_likelihood + 0.5 * float(pull @ (log_scale - start)), pull - score
+
+    found = minimize(
+        cost,
+        np.clip(start, *model.box.T),
+        jac=True,
+        bounds=model.box,
+        method="L-BFGS-B",
+        options={"maxiter": 25, "ftol": 1e-7},
+    )
+    return 10.0**found.x
+
+
+def usual_scales(model: TrendModel, trend: float = 1.0, walk: float = 0.03) -> np.ndarray:
+    """Scales to begin with: one for every trend, one for every walk."""
+    is_trend = np.array([tuple(box) == tuple(model.box[0]) for box in model.box])
+    return np.where(is_trend, trend, walk)
+
+
+def find_jumps(fit: TrendFit, *, limits: np.ndarray | None = None, reach: int = REACH) -> TrendFit:
+    """Put in jumps that the evidence pays for, move them to where they are best, and take out those that no longer pay.
+
+    Once from the likeliest scales, and once from a trend too slow to swallow a jump; the larger evidence stays.
+    reach : blocks to either side over which a place is refined
+    """
+    slow = np.where(usual_scales(fit.model, 1.0, 0.0) > 0, np.minimum(fit.scales, SLOW), fit.scales)
+    starts = [fit]
+    if np.any(slow < 0.99 * fit.scales):
+        starts.append(fit_at(fit.problem, fit.model, slow, start=fit.state, limits=limits))
+    found = [_with_jumps(start, fit, limits, reach) for start in starts]
+    return max(found, key=lambda candidate: candidate.evidence)
+
+
+def _with_jumps(start: TrendFit, plain: TrendFit, limits: np.ndarray | None, reach: int) -> TrendFit:
+    best, present = plain, start
+    tried: set[int] = set()
+    while len(present.jumps) < MOST_JUMPS:
+        gain = shock_evidence(present.smoothed, present.model.shock)
+        gain[[0, *present.jumps, *tried]] = -np.inf
+        at = int(np.argmax(gain))
+        if gain[at] < 1.0:
+            break
+        jumps = tuple(sorted((*present.jumps, at)))
+        slow = fit_at(present.problem, present.model, present.scales, jumps, start=present.state, limits=limits)
+        candidate = likeliest(slow, limits=limits)
+        if candidate.evidence <= best.evidence and not (present is start and slow.evidence > start.evidence):
+            break
+        if candidate.evidence > best.evidence:
+            best, present = candidate, candidate
+        else:  # a first jump of several: with the slow trend it pays, with the likeliest scales it does not yet
+            present = slow
+            tried.add(at)
+    return _pruned(_refined(best, limits, reach), limits)
+
+
+def _refined(fit: TrendFit, limits: np.ndarray | None, reach: int) -> TrendFit:
+    """Each jump where its Bayes factor is largest, all others in place; twice."""
+    for _ in range(2):
+        jumps = list(fit.jumps)
+        for number, at in enumerate(fit.jumps):
+            others = [*jumps[:number], *jumps[number + 1 :]]
+            seen = fit.seen._replace(shock=np.zeros_like(fit.seen.shock))
+            _put(seen, fit.model, others)
+            intensity = fit.scales[fit.model.scale_of]
+            filtered = filter_states(fit.model.dynamics, intensity, seen)
+            smoothed = smooth_states(fit.model.dynamics, intensity, seen, filtered, covariance=False)
+            low = max(at - reach, 1)
+            gain = shock_evidence(smoothed, fit.model.shock)[low : at + reach + 1].copy()
+            taken = [other - low for other in others if low <= other < low + len(gain)]
+            gain[taken] = -np.inf
+            jumps[number] = low + int(np.argmax(gain))
+        if tuple(sorted(jumps)) == fit.jumps:
+            break
+        moved = fit_at(fit.problem, fit.model, fit.scales, sorted(jumps), start=fit.state, limits=limits)
+        fit = moved if moved.evidence > fit.evidence else fit
+    return fit
+
+
+def _pruned(fit: TrendFit, limits: np.ndarray | None) -> TrendFit:
+    """Without the jumps whose evidence does not pay for their place."""
+    while fit.jumps:
+        without = [
+            likeliest(fit_at(fit.problem, fit.model, fit.scales, others, start=fit.state, limits=limits), 1, limits)
+            for others in ((*fit.jumps[:i], *fit.jumps[i + 1 :]) for i in range(len(fit.jumps)))
+        ]
+        best = max(without, key=lambda candidate: candidate.evidence)
+        if best.evidence <= fit.evidence:
+            break
+        fit = best
+    return fit
+
+
+def averaged(fit: TrendFit) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and covariance of the parameters over the scales, weighted by their evidence.
+
+    The scales of one group (a direction) vary together while the others stay at their likeliest; what each group adds to
+    mean and covariance is summed.   returns (block, parameter), (block, parameter, parameter)
+    """
+    model = fit.model
+    here = _pass(fit, fit.scales)
+    mean, covariance = here[1].copy(), here[2].copy()
+    for group in model.groups:
+        passes = []
+        for values in product(*(grid for _, grid in group)):
+            scales = fit.scales.copy()
+            scales[[index for index, _ in group]] = values
+            passes.append(_pass(fit, scales))
+        weight = np.exp(np.array([p[0] for p in passes]) - max(p[0] for p in passes))
+        weight /= weight.sum()
+        centre = sum(w * p[1] for w, p in zip(weight, passes, strict=True))
+        spread = sum(
+            w * (p[2] + (p[1] - centre)[:, :, np.newaxis] * (p[1] - centre)[:, np.newaxis])
+            for w, p in zip(weight, passes, strict=True)
+            if w > 1e-6
+        )
+        mean += centre - here[1]
+        covariance += spread - here[2]
+    G = model.slopes(mean)
+    return model.parameters(mean), G @ covariance @ G.transpose(0, 2, 1)
+
+
+def _pass(fit: TrendFit, scales: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    intensity = scales[fit.model.scale_of]
+    filtered = filter_states(fit.model.dynamics, intensity, fit.seen)
+    smoothed = smooth_states(fit.model.dynamics, intensity, fit.seen, filtered)
+    return filtered.log_likelihood, smoothed.mean, smoothed.covariance
+
+
+def jump_sizes(fit: TrendFit) -> list[tuple[int, np.ndarray, np.ndarray, float]]:
+    """Each jump: its block, the change of the parameters, its covariance, and the log Bayes factor against its absence."""
+    found = []
+    for at in fit.jumps:
+        D = np.diag(fit.model.shock)
+        G = fit.model.slopes(fit.state[at : at + 1])[0]
+        r, N = fit.smoothed.r[at], fit.smoothed.N[at]
+        others = tuple(other for other in fit.jumps if other != at)
+        without = fit_at(fit.problem, fit.model, fit.scales, others, start=fit.state)
+        factor = fit.log_likelihood - without.log_likelihood
+        found.append((at, G @ D @ r, G @ (D - D @ N @ D) @ G.T, factor))
+    return found
+
+
+def smooth(
+    problem: Problem,
+    models: Sequence[TrendModel],
+    *,
+    block: int = 14,
+    breaks: np.ndarray | None = None,
+    finest: int = 20_000,
+    jumps: bool = True,
+    start: np.ndarray | None = None,
+    limits: np.ndarray | None = None,
+    tell: Callable[[float, str], None] | None = None,
+) -> Trajectory:
+    """The trajectory under the model with the largest evidence.
+
+    block : steps that share their parameters while scales, jumps and models are looked for
+    breaks : (step,) bool, where a block must end
+    finest : records of no more steps are in the end fitted with a block for every step, so that jumps come to their step
+    start : parameters to begin with, (parameter,); the prior's mean when absent
+    limits : (parameter,) largest change of a parameter in one pass
+    """
+    tell = tell or (lambda share, label: None)
+    coarse = problem._replace(block=blocks_of(problem.time, block, breaks)) if block > 1 else problem
+    blocks = int(coarse.block[-1]) + 1
+    fits: dict[str, TrendFit] = {}
+    for number, model in enumerate(models):
+        tell(number / len(models) * 0.8, f"{model.name} trend")
+        x = None if start is None else np.tile(model.begin(start), (blocks, 1))
+        fit = likeliest(fit_at(coarse, model, usual_scales(model), start=x, limits=limits), limits=limits)
+        if jumps:
+            tell((number + 0.4) / len(models) * 0.8, f"{model.name} trend, jumps")
+            fit = find_jumps(fit, limits=limits, reach=max(1, -(-REACH // block)))
+        fits[model.name] = fit
+    best = max(fits.values(), key=lambda fit: fit.evidence)
+    if blocks < len(problem.time) <= finest:
+        tell(0.8, "to the sample")
+        best = _sharpened(best, problem, block, limits)
+    tell(0.9, "averaging over the scales")
+    mean, covariance = averaged(best)
+    evidence = {name: fit.evidence for name, fit in fits.items()}
+    return Trajectory(best, mean[best.problem.block], covariance[best.problem.block], evidence, fits)
+
+
+def _sharpened(fit: TrendFit, problem: Problem, block: int, limits: np.ndarray | None) -> TrendFit:
+    """The same fit with a block for every step."""
+    fine = problem._replace(block=np.arange(len(problem.time)))
+    first = np.searchsorted(fit.problem.block, fit.jumps)
+    best = fit_at(fine, fit.model, fit.scales, tuple(first), start=fit.state[fit.problem.block], limits=limits)
+    if best.jumps:
+        best = _pruned(_refined(best, limits, max(REACH, block)), limits)
+    return likeliest(best, 1, limits)
+
+
+def draw_deviations(fit: TrendFit, rng: np.random.Generator, draws: int) -> tuple[np.ndarray, np.ndarray]:
+    """How far the truth may lie from the fit, as draws of whole trajectories, at the fit's scales.
+
+    A trajectory and a record of it are drawn from the model and smoothed like the record itself; what the smoother misses
+    is a draw of its error [Durbin & Koopman, Biometrika 89 (2002) 603].
+    returns errors of the states (draw, block, state), and of the shocks at the jumps (draw, jump, state)
+    """
+    dynamics, seen = fit.model.dynamics, fit.seen
+    steps, n = fit.state.shape
+    intensity = fit.scales[fit.model.scale_of]
+    level_of = {int(speed): int(level) for level, speed in dynamics.speeds}
+    values, vectors = np.linalg.eigh(dynamics.start_covariance)
+    x = (rng.standard_normal((draws, n)) * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+    truth, shocks = np.empty((draws, steps, n)), np.zeros((draws, len(fit.jumps), n))
+    for k in range(steps):
+        dt = float(seen.interval[k])
+        for level, speed in dynamics.speeds:
+            x[:, level] += dt * x[:, speed]
+        for state, q in zip(dynamics.noisy, intensity, strict=True):
+            kick = q * np.sqrt(dt) * rng.standard_normal((draws, 2))
+            x[:, state] += kick[:, 0]
+            if int(state) in level_of:
+                x[:, level_of[int(state)]] += dt * (kick[:, 0] / 2 + kick[:, 1] / np.sqrt(12))
+        if k in fit.jumps:
+            shock = rng.standard_normal((draws, n)) * np.sqrt(seen.shock[k])
+            shocks[:, fit.jumps.index(k)] = shock
+            x += shock
+        truth[:, k] = x
+    is_seen = np.any(seen.matrix != 0, axis=2)
+    zero = dynamics._replace(start=np.zeros(n))
+    for i in range(draws):
+        value = np.einsum("kon,kn->ko", seen.matrix, truth[i]) + rng.standard_normal(is_seen.shape)
+        record = seen._replace(value=np.where(is_seen, value, 0.0))
+        smoothed = smooth_states(zero, intensity, record, filter_states(zero, intensity, record), covariance=False)
+        truth[i] -= smoothed.mean
+        for number, at in enumerate(fit.jumps):
+            shocks[i, number] -= seen.shock[at] * smoothed.r[at]
+    return truth, shocks
