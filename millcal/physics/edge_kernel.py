@@ -7,8 +7,8 @@ lower envelope (see `cutting_force`) a wave of x:
     a_k sin(p - x) + U_k cos(x) - V_k sin(x),     U = c0 C - s0 S,  V = c0 S + s0 C,
     C = cos psi_j - cos psi_(j-k),  S the same of the sines,      c0 = rho cos(lambda), s0 = rho sin(lambda).
 
-Gauss-Legendre nodes lie between the two heights, so entry and exit are exact; where runout ends the contact inside, a node
-either cuts or does not.
+Gauss-Legendre nodes lie between the two heights, so entry and exit are exact. Where runout ends the contact inside, the force
+of the edge itself ends at once; there a node counts by the share of its stretch on which the chip, taken as straight, is there.
 
 This module imports numba and so is imported where it is used. Loops of other modules call its functions; numba's cache does
 not notice an edit here in what it keeps of them. They take `STAMP` in as a variable of an enclosing function, which is part of
@@ -43,6 +43,7 @@ class Edge(NamedTuple):
     sines: np.ndarray  # S, (tooth, k)
     node: np.ndarray  # -1..1, (node,)
     weight: np.ndarray  # summing to 1, (node,)
+    before: np.ndarray  # from the start of a node's own stretch to the node, in 0..1 as the weights, (node,)
     linear: bool  # linear-edge law; else Kienzle
     reference: float  # h0, m
     axes: np.ndarray  # 0, 1, 2 for x, y, z, (axis,)
@@ -66,6 +67,7 @@ def edge_of(cutter: Cutter, law: str, reference_chip: float, axes: tuple[str, ..
         np.sin(lag)[:, np.newaxis] - np.sin(lag)[ahead],
         node,
         weight / 2,
+        (node + 1) / 2 - np.concatenate([[0.0], np.cumsum(weight / 2)[:-1]]),
         law == "linear-edge",
         float(reference_chip),
         np.array(["xyz".index(axis) for axis in axes]),
@@ -177,6 +179,28 @@ def contact(p: float, depth: float, wind: float, entry: float, leave: float, tur
 
 
 @njit(cache=True)
+def contact_share(h: float, fall: float, half: float, weight: float, before: float) -> tuple[float, float, float]:
+    """The share of a node's stretch on which there is a chip, and its slopes in the chip and in the chip's fall.
+
+    h : chip at the node, m, below 0 where there is none   fall : -dh/dx, m/rad   half : of the piece in contact, rad
+    """
+    if half <= 0.0:
+        return (1.0, 0.0, 0.0) if h > 0.0 else (0.0, 0.0, 0.0)
+    steep = max(abs(fall), 1e-15)
+    inside = (
+        before if fall > 0.0 else weight - before
+    )  # from the node to the end of its stretch towards the thicker chip
+    extent = 2 * half * weight
+    share = h / (steep * extent) + inside / weight
+    if share >= 1.0:
+        return 1.0, 0.0, 0.0
+    if share <= 0.0:
+        return 0.0, 0.0, 0.0
+    by_h = 1 / (steep * extent)
+    return share, by_h, -h / fall * by_h if abs(fall) > 1e-15 else 0.0
+
+
+@njit(cache=True)
 def add_force(
     parameters: np.ndarray,
     angle: float,
@@ -225,6 +249,7 @@ def add_force(
                 sin_x, cos_x = sin_m * cos_d + cos_m * sin_d, cos_m * cos_d - sin_m * sin_d
                 sin_phi, cos_phi = sin_p * cos_x - cos_p * sin_x, cos_p * cos_x + sin_p * sin_x
                 h = feed * edge.rise[tooth, teeth - 1] * sin_phi  # the tooth's own last pass, without any offset
+                fall = feed * edge.rise[tooth, teeth - 1] * cos_phi  # less dh/dx
                 by_c0 = by_s0 = 0.0
                 for k in range(teeth - 1):
                     with_c0 = edge.cosines[tooth, k] * cos_x - edge.sines[tooth, k] * sin_x
@@ -232,20 +257,39 @@ def add_force(
                     line = feed * edge.rise[tooth, k] * sin_phi + c0 * with_c0 + s0 * with_s0
                     if line < h:
                         h, by_c0, by_s0 = line, with_c0, with_s0
-                if h <= 0.0:
-                    continue
-                cut = True
+                        fall = feed * edge.rise[tooth, k] * cos_phi - c0 * with_s0 + s0 * with_c0
                 w = height * edge.weight[i]
                 if edge.linear:
+                    share, by_h, by_fall = contact_share(h, fall, half, edge.weight[i], edge.before[i])
+                    if share == 0.0:
+                        continue
+                    chip, cuts = (h, 1.0) if h > 0.0 else (0.0, 0.0)
                     wt, wr, wa = size_t * w, size_r * w, size_a * w
+                    on_edge = share * h0
                     gt, gr, ga = (
-                        wt * ((1 - shape_t) * h + shape_t * h0),
-                        wr * ((1 - shape_r) * h + shape_r * h0),
-                        wa * ((1 - shape_a) * h + shape_a * h0),
+                        wt * ((1 - shape_t) * chip + shape_t * on_edge),
+                        wr * ((1 - shape_r) * chip + shape_r * on_edge),
+                        wa * ((1 - shape_a) * chip + shape_a * on_edge),
                     )
-                    gt_s, gr_s, ga_s = wt * (h0 - h), wr * (h0 - h), wa * (h0 - h)
-                    gt_h, gr_h, ga_h = wt * (1 - shape_t), wr * (1 - shape_r), wa * (1 - shape_a)
+                    gt_s, gr_s, ga_s = wt * (on_edge - chip), wr * (on_edge - chip), wa * (on_edge - chip)
+                    edge_c0 = h0 * (by_h * by_c0 - by_fall * by_s0)  # d fall / dc0 = -by_s0, d fall / ds0 = by_c0
+                    edge_s0 = h0 * (by_h * by_s0 + by_fall * by_c0)
+                    chip_c0, chip_s0 = cuts * by_c0, cuts * by_s0
+                    gt_c, gt_o = (
+                        wt * ((1 - shape_t) * chip_c0 + shape_t * edge_c0),
+                        wt * ((1 - shape_t) * chip_s0 + shape_t * edge_s0),
+                    )
+                    gr_c, gr_o = (
+                        wr * ((1 - shape_r) * chip_c0 + shape_r * edge_c0),
+                        wr * ((1 - shape_r) * chip_s0 + shape_r * edge_s0),
+                    )
+                    ga_c, ga_o = (
+                        wa * ((1 - shape_a) * chip_c0 + shape_a * edge_c0),
+                        wa * ((1 - shape_a) * chip_s0 + shape_a * edge_s0),
+                    )
                 else:
+                    if h <= 0.0:
+                        continue
                     h = max(h, SMALLEST_CHIP)
                     log_h = logarithm(h / h0)
                     gt_h = size_t * w * exponential(-shape_t * log_h)
@@ -259,6 +303,9 @@ def add_force(
                         ga = ga_h * h
                         ga_s = -ga * log_h
                         ga_h *= 1 - shape_a
+                    gt_c, gr_c, ga_c = gt_h * by_c0, gr_h * by_c0, ga_h * by_c0
+                    gt_o, gr_o, ga_o = gt_h * by_s0, gr_h * by_s0, ga_h * by_s0
+                cut = True
                 tx -= gt * cos_phi
                 ty += gt * sin_phi
                 rx -= gr * sin_phi
@@ -269,14 +316,12 @@ def add_force(
                 rx_s -= gr_s * sin_phi
                 ry_s -= gr_s * cos_phi
                 az_s += ga_s
-                x_h = -gt_h * cos_phi - gr_h * sin_phi
-                y_h = gt_h * sin_phi - gr_h * cos_phi
-                x_c += x_h * by_c0
-                y_c += y_h * by_c0
-                z_c += ga_h * by_c0
-                x_s += x_h * by_s0
-                y_s += y_h * by_s0
-                z_s += ga_h * by_s0
+                x_c -= gt_c * cos_phi + gr_c * sin_phi
+                y_c += gt_c * sin_phi - gr_c * cos_phi
+                z_c += ga_c
+                x_s -= gt_o * cos_phi + gr_o * sin_phi
+                y_s += gt_o * sin_phi - gr_o * cos_phi
+                z_s += ga_o
     if not cut:
         return False
     sin_f, cos_f = math.sin(direction), math.cos(direction)
