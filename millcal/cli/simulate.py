@@ -65,6 +65,7 @@ def _cut(plan: Any, number: int, rng: Any) -> tuple:
     trouble = keys.trouble(plan.cutter)
     if trouble:
         plan.document.refuse(("simulate", "cuts", number, trouble[0]), trouble[1])
+    timeline = Timeline(table.duration_s, table.air_before_s, table.air_after_s, table.ramp_s)
     angle, pulse_angle = in_si(table.initial_angle_deg, "_deg"), in_si(table.pulse_angle_deg, "_deg")
     return simulate_cut(
         options.law.law(),
@@ -72,7 +73,7 @@ def _cut(plan: Any, number: int, rng: Any) -> tuple:
         keys.conditions(plan.cutter),
         rng=rng,
         sample_rate=table.sample_rate_hz or options.sample_rate_hz,
-        timeline=Timeline(table.duration_s, table.air_before_s, table.air_after_s, table.ramp_s),
+        timeline=timeline,
         initial_angle=angle,
         speed_error=table.speed_error,
         variation=table.speed_variation,
@@ -84,6 +85,8 @@ def _cut(plan: Any, number: int, rng: Any) -> tuple:
         lines=tuple(Line(line.frequency_hz, line.amplitude_N) for line in table.lines),
         pulse=table.pulse,
         pulse_angle=pulse_angle,
+        encoder=table.encoder_counts if table.encoder else 0,
+        trend=table.trend(timeline.steady_span),
         start_time=table.start_time_s,
         name=table.recording,
         axis_map=options.dynamometer.map,

@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from millcal.io.keys import ConditionsTable, Direction, Positive, Table, in_si, keys_of, tuple_of
+from millcal.io.recipe_trends import TrendKeys
 from millcal.physics.cutter import Cutter
 from millcal.physics.cutting_force import Kienzle, LinearEdge
 from millcal.physics.hammer import HitFault
@@ -142,7 +143,7 @@ class _RecordingTable(Table):
     accelerometers: tuple_of(str, ...) = Field((), description="points and directions of the accelerometers")
 
 
-class SimulatedCutTable(_RecordingTable):
+class SimulatedCutTable(_RecordingTable, TrendKeys):
     """One cut to simulate."""
 
     format: Literal["dynoware", "csv"] = Field("dynoware", description="form of a text file")
@@ -168,6 +169,10 @@ class SimulatedCutTable(_RecordingTable):
     speed_variation_hz: Positive = Field(1.0, description="frequency of that swing, Hz")
     pulse: bool = Field(False, description="record a pulse per revolution")
     pulse_angle_deg: float = Field(0.0, description="spindle angle at which the pulse rises, degrees")
+    encoder: bool = Field(
+        False, description="record the spindle angle, from 0 to 360 degrees; zero where the pulse rises"
+    )
+    encoder_counts: int = Field(3600, ge=8, le=65536, description="counts of the encoder per revolution")
     dynamometer: bool = Field(True, description="record the forces")
     lines: tuple_of(LineTable, ...) = Field((), description="forces that do not follow the spindle")
 
@@ -257,6 +262,12 @@ class SimulateTable(Table):
             raise ValueError(f"two recordings are named {twice[0]}; rename one")
         if self.cuts and self.law is None:
             raise ValueError("cuts without a law; add [simulate.law] with its coefficients")
+        for key, law, other in (
+            ("drift_rise", KIENZLE, "drift_edge is for the linear-edge law"),
+            ("drift_edge", LINEAR_EDGE, "drift_rise is for Kienzle's"),
+        ):
+            if any(getattr(cut, key) is not None for cut in self.cuts) and law[0] not in self.law.model_fields_set:
+                raise ValueError(f"{key} for a law that has none; {other}")
         if any(table.accelerometers for table in tables) and not self.modes:
             raise ValueError("accelerometers without a structure; add [[simulate.modes]]")
         overloads = [fault for table in self.impacts for fault in table.faults if fault.kind == "overload"]

@@ -3,7 +3,8 @@
 The force is a Fourier series in the spindle angle whose coefficients `physics.cutting_force` integrates exactly. It is cut
 off below half the sample rate and evaluated at each sample's angle, so it is exact at any speed and free of aliasing.
 Sensors and structure act on each harmonic by their gain at its frequency: the steady state, which holds at constant or
-slowly varying speed. The tool enters and leaves by a cosine ramp of the force.
+slowly varying speed. Coefficients that change while cutting are weights on several such series (`physics.changing_coefficients`).
+The tool enters and leaves by a cosine ramp of the force.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,16 +13,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from millcal.data import AXES, Channel, Recording
+from millcal.physics.changing_coefficients import Trend, force_series
 from millcal.physics.cutter import Cutter, CuttingConditions
 from millcal.physics.cutting_force import Kienzle, LinearEdge, force_harmonics
 from millcal.physics.measuring_chain import MeasuringChain
 from millcal.physics.shaped_modes import ShapedMode, accelerance_between
 from millcal.physics.spindle import SpindleMotion
 from millcal.simulation.noise import measured
-from millcal.simulation.truth import rounded, shop_values
+from millcal.simulation.truth import rounded, shop_values, truth_over_time
 
 TIP = ("tipX", "tipY", "tipZ")
 BLOCK = 8192  # samples: three axes of complex numbers stay in the cache
+INSTANTS = 201  # at which the truth of changing coefficients is told
 
 
 @dataclass(frozen=True)
@@ -96,6 +99,8 @@ def simulate_cut(
     lines: Sequence[Line] = (),
     pulse: bool = False,
     pulse_angle: float = 0.0,
+    encoder: int = 0,
+    trend: Trend | None = None,
     start_time: float = 0.0,
     name: str = "",
     axis_map: Mapping[str, str] | None = None,
@@ -107,7 +112,9 @@ def simulate_cut(
     speed_error : share by which the spindle misses the conditions' speed   variation, variation_frequency : as SpindleMotion
     dynamometer : None leaves the force channels out
     modes, accelerometers : structure, and the dofs at which its acceleration under the cutting force is measured
-    pulse_angle : rad, spindle angle at which the once-per-revolution pulse rises   start_time : s, of the first sample
+    pulse_angle : rad, spindle angle at which the once-per-revolution pulse rises, and the encoder's zero
+    encoder : counts per revolution of an encoder that is recorded, from 0 to 2 pi; 0 for none
+    trend : how the coefficients change while cutting; None: they do not   start_time : s, of the first sample
     axis_map, acts_on : name and turn the force channels as `as_dynamometer_channels` does; None: the tool's axes
     """
     initial_angle = rng.uniform(0.0, 2 * np.pi) if initial_angle is None else initial_angle
@@ -115,7 +122,13 @@ def simulate_cut(
     motion = SpindleMotion(frequency, initial_angle, variation, variation_frequency)
     time = np.arange(round(timeline.duration * sample_rate)) / sample_rate
     highest = int(np.ceil(sample_rate / 2 / motion.highest_frequency)) - 1
-    force = force_harmonics(law, cutter, conditions, highest)
+    if trend is None:
+        force = force_harmonics(law, cutter, conditions, highest)[np.newaxis]  # (series, axis, k)
+        weights, mean = None, force[0, :, 0].real
+    else:
+        series = force_series(law, trend, cutter, conditions, highest, time)
+        begin, end = timeline.steady_span
+        force, weights, mean = series.harmonics, series.weights, series.mean_force((time >= begin) & (time <= end))
     order_frequency = np.arange(highest + 1) * motion.frequency
     line_phase = rng.uniform(0.0, 2 * np.pi, len(lines))
     line_frequency = np.array([line.frequency for line in lines])
@@ -127,7 +140,8 @@ def simulate_cut(
         channels += [
             Channel("f" + axis, "force", "N", dof, dynamometer.full_scale) for axis, dof in zip(AXES, TIP, strict=True)
         ]
-        harmonics.append(np.einsum("imk,mk->ik", dynamometer.transfer(order_frequency, 3), force))
+        transfer = dynamometer.transfer(order_frequency, 3)
+        harmonics.append(np.array([np.einsum("imk,mk->ik", transfer, part) for part in force]))
         line_parts.append(np.einsum("imk,mk->ik", dynamometer.transfer(line_frequency, 3), line_force))
         chains.append((dynamometer, 3))
     if accelerometers:
@@ -135,12 +149,23 @@ def simulate_cut(
         channels += [
             Channel("acc_" + dof, "acceleration", "m/s^2", dof, accelerometer.full_scale) for dof in accelerometers
         ]
-        for parts, at, source in ((harmonics, order_frequency, force), (line_parts, line_frequency, line_force)):
-            accelerance = accelerance_between(at, modes, accelerometers, TIP)  # (f, sensor, axis)
-            parts.append(np.einsum("fsa,af->sf", accelerance, source) * accelerometer.gain(at, n))
+        at_orders, at_lines = (
+            np.moveaxis(accelerance_between(at, modes, accelerometers, TIP), 0, 2)  # (sensor, axis, f)
+            for at in (order_frequency, line_frequency)
+        )
+        gain = accelerometer.gain(order_frequency, n)
+        harmonics.append(np.array([np.einsum("saf,af->sf", at_orders, part) * gain for part in force]))
+        line_parts.append(np.einsum("saf,af->sf", at_lines, line_force) * accelerometer.gain(line_frequency, n))
         chains.append((accelerometer, n))
 
-    samples = synthesise(np.concatenate(harmonics), motion.angle(time))
+    angle = motion.angle(time)
+    parts = np.concatenate(harmonics, axis=1)  # (series, channel, k)
+    if weights is None:
+        samples = synthesise(parts[0], angle)
+    else:
+        samples = np.zeros((parts.shape[1], len(time)))
+        for part, weight in zip(parts, weights, strict=True):
+            samples += weight * synthesise(part, angle)
     for frequency, amplitude in zip(line_frequency, np.concatenate(line_parts).T, strict=True):
         samples += np.real(amplitude[:, np.newaxis] * np.exp(2j * np.pi * frequency * time))
     samples *= timeline.engagement(time)
@@ -151,6 +176,10 @@ def simulate_cut(
     if pulse:
         channels.append(Channel("pulse", "pulse", "1", "spindle", 1.0))
         samples = np.vstack([samples, motion.pulse(time, pulse_angle, np.pi / 18)])
+    if encoder:
+        channels.append(Channel("encoder", "angle", "rad", "spindle"))
+        count = np.floor((angle - pulse_angle) / (2 * np.pi) % 1.0 * encoder) % encoder
+        samples = np.vstack([samples, count * (2 * np.pi / encoder)])
 
     recording = Recording(
         samples=samples,
@@ -174,9 +203,11 @@ def simulate_cut(
         | {"direction": conditions.direction},
         "spindle_frequency_hz": rounded(motion.frequency),
         "steady_s": [rounded(t) for t in timeline.steady_span],
-        "mean_force_N": [rounded(mean) for mean in force[:, 0].real],  # on the tool, in the steady cut
+        "mean_force_N": [rounded(value) for value in mean],  # on the tool, in the steady cut
         **shop_values(initial_angle_deg=motion.initial_angle),
     }
+    if trend is not None:
+        truth["coefficients"] = truth_over_time(law, trend, np.linspace(*timeline.steady_span, INSTANTS))
     return recording, truth
 
 

@@ -8,9 +8,11 @@ from millcal.io.recipe_simulate import (
     AccelerometerTable,
     DynamometerTable,
     LawTable,
+    SimulatedCutTable,
     SimulatedImpactTable,
     SimulateTable,
 )
+from millcal.physics.changing_coefficients import STEADY, Chip
 from millcal.physics.cutting_force import Kienzle, LinearEdge
 from millcal.physics.measuring_chain import MeasuringChain
 
@@ -93,3 +95,42 @@ def test_the_faults_of_an_impact_test_become_si():
 def test_what_cannot_be_simulated_says_what_it_lacks(table, says):
     with pytest.raises(ValidationError, match=says):
         SimulateTable(**table)
+
+
+def a_cut(**keys):
+    return {"recording": "a.h5", "duration_s": 4.0} | keys
+
+
+def test_a_share_rises_over_the_steady_cut_and_points_stand_as_they_are():
+    points = [[0.5, 1.0], [2.0, 1.1]]
+    table = SimulatedCutTable(**a_cut(drift={"t": 0.2, "a": points}, chip={"time_s": 2.4, "size": 0.12}))
+    trend = table.trend((1.0, 5.0))
+    assert trend.drift == (((1.0, 1.0), (5.0, 1.2)), ((1.0, 1.0), (5.0, 1.0)), ((0.5, 1.0), (2.0, 1.1)))
+    assert trend.shape == (STEADY, STEADY, STEADY)
+    assert trend.chips == (Chip(2.4, (0.12, 0.12, 0.12)),)
+
+
+def test_a_cut_without_these_keys_has_no_trend():
+    assert SimulatedCutTable(**a_cut()).trend((1.0, 5.0)) is None
+
+
+@pytest.mark.parametrize(
+    ("keys", "says"),
+    [
+        ({"drift": -1.0}, "takes away all"),
+        ({"drift": "0.2"}, "is no course"),
+        ({"drift": [[0.0, 1.0], [1.0, 1.1], [0.5, 1.2]]}, "back in time"),
+        ({"drift": [[0.0, 1.0], [1.0, -0.1]]}, "a factor of -0.1"),
+        ({"drift": {"x": 0.2}}, "direction 'x'"),
+        ({"chip": {"time_s": 1.0, "size": "much"}}, "is no size"),
+    ],
+)
+def test_what_is_no_trend_says_why(keys, says):
+    with pytest.raises(ValidationError, match=says):
+        SimulatedCutTable(**a_cut(**keys))
+
+
+@pytest.mark.parametrize(("law", "key"), [(LINEAR, "drift_rise"), (KIENZLE, "drift_edge")])
+def test_a_law_has_no_trend_of_what_it_does_not_have(law, key):
+    with pytest.raises(ValidationError, match=f"{key} for a law that has none"):
+        SimulateTable(law=law, cuts=(a_cut(**{key: 0.1}),))

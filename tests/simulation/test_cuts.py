@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from millcal.data import Channel
+from millcal.physics.changing_coefficients import Chip, Trend
 from millcal.physics.cutter import Cutter, CuttingConditions
 from millcal.physics.cutting_force import (
     Kienzle,
@@ -14,6 +16,7 @@ from millcal.physics.cutting_force import (
 )
 from millcal.physics.measuring_chain import MeasuringChain, quantisation_step
 from millcal.physics.shaped_modes import ShapedMode, accelerance_between, receptance_between
+from millcal.physics.spindle import SpindleMotion
 from millcal.physics.structure import Mode, receptance
 from millcal.simulation import Line, Timeline, as_dynamometer_channels, simulate_cut
 from millcal.simulation.cuts import synthesise
@@ -221,3 +224,46 @@ def test_the_truth_is_in_the_units_of_its_keys():
     }
     assert truth["initial_angle_deg"] == 90.0
     assert truth["mean_force_N"] == pytest.approx(recording.samples.mean(axis=1))
+
+
+WORN = Trend(drift=(((0.0, 1.0), (0.2, 1.4)),) * 3, chips=(Chip(0.1, (0.12, 0.12, 0.12)),))
+
+
+def test_a_worn_edge_scales_the_force_that_the_sharp_one_has():
+    sharp, _ = cut()
+    worn, truth = cut(trend=WORN)
+    time = np.arange(2000) / 10_000
+    factor = (1 + 2 * time) * np.where(time >= 0.1, 1.12, 1.0)
+    assert worn.samples == pytest.approx(sharp.samples * factor, abs=1e-9)
+    told = truth["coefficients"]
+    assert told["time_s"][:: len(told["time_s"]) - 1] == [0.0, 0.2]
+    assert told["Krc_N_per_mm2"][-1] == pytest.approx(260 * 1.4 * 1.12)
+    assert told["chips"] == [{"time_s": 0.1, "size": [0.12, 0.12, 0.12]}]
+
+
+def test_a_trend_of_nothing_is_no_trend():
+    plain, without = cut(seed=3, initial_angle=None)
+    still, known = cut(seed=3, initial_angle=None, trend=Trend())
+    assert still.samples == pytest.approx(plain.samples, abs=1e-9)
+    assert known["mean_force_N"] == pytest.approx(without["mean_force_N"], rel=1e-8)
+
+
+def test_the_amplifier_acts_on_a_changing_force_as_on_a_constant_one():
+    """The change within the amplifier's memory of 0.3 ms is 0.06 %: so near is the filtered changing force to the truth."""
+    chain = MeasuringChain(lowpass=600.0)
+    trend = Trend(drift=(((0.0, 1.0), (0.2, 1.4)),) * 3)
+    constant, _ = cut(dynamometer=chain)
+    changing, _ = cut(dynamometer=chain, trend=trend)
+    factor = 1 + 2 * np.arange(2000) / 10_000
+    assert changing.samples == pytest.approx(constant.samples * factor, abs=1e-9)
+
+
+def test_the_encoder_counts_the_spindle_angle_from_where_the_pulse_rises():
+    recording, _ = cut(initial_angle=0.3, encoder=3600, pulse=True, pulse_angle=1.0, variation=0.02)
+    pulse, encoder = recording.samples[-2:]
+    motion = SpindleMotion(100.0, 0.3, 0.02, 1.0)
+    exact = (motion.angle(np.arange(2000) / 10_000) - 1.0) % (2 * np.pi)
+    assert np.all((exact - encoder >= -1e-9) & (exact - encoder < 2 * np.pi / 3600 + 1e-9))
+    rises = np.flatnonzero(np.diff(pulse) > 0) + 1
+    assert np.all(encoder[rises] < 0.1)
+    assert recording.channels[-1] == Channel("encoder", "angle", "rad", "spindle")
