@@ -1,0 +1,314 @@
+"""Filters that follow the coefficients of a staircase of discs through a cut, compiled.
+
+Each is one step of `numerics` with the force of `disc_force` written into it, and gives the same to rounding from the same
+draws: the perturbed ensemble Kalman filter with and without inflation, recursive least squares, and interacting models. All
+take the instants at which the law holds, one after the other; between them they hold.
+
+A state is (k, m) of each direction, tangential before radial; k is in whatever unit makes k S(m) newtons.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+
+from millcal.numerics.ensemble_kalman import Inflation, semidefinite_root
+from millcal.numerics.interacting_models import Mixture, Model
+from millcal.physics.disc_force import ShapeTables
+
+_SUMS_IN_ANY_ORDER = {
+    "reassoc",
+    "contract",
+    "nsz",
+}  # so that members are summed four at a time; rounding aside the same
+
+
+def follow_ensemble(
+    tables: ShapeTables,
+    force: np.ndarray,
+    sigma: np.ndarray,
+    members: np.ndarray,
+    *,
+    rng: np.random.Generator,
+    limits: np.ndarray,
+    inflation: Inflation | None = None,
+    normals: np.ndarray | None = None,
+) -> np.ndarray:
+    """`ensemble_kalman.step` with perturbed observations at every instant, both directions together.
+
+    force : (instant, 2) N   sigma : of the noise, (2,) N   members : at the start, (member, 4) k_t, m_t, k_r, m_r
+    limits : (4, 2)   normals : (instant, member, 2), what the perturbations are made of, for who compares filters on the
+    same draws; then `rng` draws the inflations alone   returns the mean of the members after every instant, (instant, 4)
+    """
+    instants, J = len(force), len(members)
+    coefficients, force = _plain(tables, force)
+    X = np.array(np.asarray(members, float).T, order="C")
+    means = np.empty((instants, 4))
+    low, high = np.ascontiguousarray(limits[:, 0]), np.ascontiguousarray(limits[:, 1])
+    deviations = X - X.mean(axis=1, keepdims=True)
+    root = semidefinite_root(deviations @ deviations.T / J)
+    every = instants if inflation is None else inflation.every
+    for first in range(0, instants, every):
+        last = min(first + every, instants)
+        now = slice(first, last)
+        # one draw for many instants is the same stream as one (J, 2) for each
+        drawn = rng.standard_normal((last - first, J, 2)) if normals is None else normals[now]
+        _perturbed(coefficients[now], force[now], sigma, drawn, X, low, high, tables.centre, tables.half, means[now])
+        if inflation is not None and last == first + every:
+            chosen = rng.permutation(J)[: inflation.subset]
+            z = rng.standard_normal((inflation.subset, 4))
+            anew = X.mean(axis=1) + np.sqrt(inflation.fraction) * z @ root.T
+            X[:, chosen] = np.clip(anew, low, high).T
+            means[last - 1] = X.mean(axis=1)
+    return means
+
+
+def _plain(tables: ShapeTables, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return np.ascontiguousarray(tables.coefficients), np.ascontiguousarray(force, dtype=float)
+
+
+@njit(cache=True, fastmath=_SUMS_IN_ANY_ORDER)
+def _perturbed(coefficients, force, sigma, normals, X, low, high, centre, half, means):
+    """Updates of all members X (4, member), in place, at a run of instants."""
+    instants, powers = coefficients.shape
+    J = X.shape[1]
+    Y, u, S = np.empty((2, J)), np.empty(J), np.empty(J)
+    A = np.empty((4, J))
+    E = np.empty((2, J))
+    for k in range(instants):
+        for i in range(2):
+            rise = X[2 * i + 1]
+            for j in range(J):
+                u[j] = (rise[j] - centre) / half
+                S[j] = coefficients[k, powers - 1]
+            for p in range(powers - 2, -1, -1):
+                c = coefficients[k, p]
+                for j in range(J):
+                    S[j] = S[j] * u[j] + c
+            specific = X[2 * i]
+            for j in range(J):
+                Y[i, j] = specific[j] * S[j]
+        for j in range(J):
+            E[0, j] = sigma[0] * normals[k, j, 0]
+            E[1, j] = sigma[1] * normals[k, j, 1]
+        mean_0, mean_1 = 0.0, 0.0
+        for j in range(J):
+            mean_0 += Y[0, j]
+            mean_1 += Y[1, j]
+        mean_0 /= J
+        mean_1 /= J
+        for a in range(4):
+            total = 0.0
+            for j in range(J):
+                total += X[a, j]
+            total /= J
+            for j in range(J):
+                A[a, j] = X[a, j] - total
+        s00, s01, s11 = 0.0, 0.0, 0.0  # J (D + R)
+        for j in range(J):
+            d0, d1 = Y[0, j] - mean_0, Y[1, j] - mean_1
+            s00 += d0 * d0 + E[0, j] * E[0, j]
+            s01 += d0 * d1 + E[0, j] * E[1, j]
+            s11 += d1 * d1 + E[1, j] * E[1, j]
+        determinant = s00 * s11 - s01 * s01
+        y0, y1 = force[k, 0], force[k, 1]
+        for a in range(4):
+            c0, c1 = 0.0, 0.0  # J C
+            for j in range(J):
+                c0 += A[a, j] * (Y[0, j] - mean_0)
+                c1 += A[a, j] * (Y[1, j] - mean_1)
+            g0 = (c0 * s11 - c1 * s01) / determinant
+            g1 = (c1 * s00 - c0 * s01) / determinant
+            total = 0.0
+            lowest, highest = low[a], high[a]
+            for j in range(J):
+                x = X[a, j] + g0 * (y0 + E[0, j] - Y[0, j]) + g1 * (y1 + E[1, j] - Y[1, j])
+                x = min(max(x, lowest), highest)
+                X[a, j] = x
+                total += x
+            means[k, a] = total / J
+
+
+def follow_least_squares(
+    tables: ShapeTables,
+    force: np.ndarray,
+    start: np.ndarray,
+    covariance: np.ndarray,
+    *,
+    forgetting: float,
+    limits: np.ndarray | None = None,
+) -> np.ndarray:
+    """`recursive_least_squares.step` in one direction, unit noise, the box kept by `clip`, from many starts.
+
+    Beyond the rises that the tables hold for, S stays as it is at their end.
+
+    force : (instant,) N   start : k, m, (start, 2)   covariance : at the start, (2, 2)   limits : (2, 2), None: no box
+    returns the estimate after every instant, (start, instant, 2)
+    """
+    box = np.array([[-np.inf, np.inf]] * 2) if limits is None else np.ascontiguousarray(limits, dtype=float)
+    coefficients, force = _plain(tables, force)
+    start = np.ascontiguousarray(start, dtype=float)
+    found = np.empty((len(start), len(force), 2))
+    _least_squares(
+        coefficients, force, start, np.asarray(covariance, float), forgetting, box, tables.centre, tables.half, found
+    )
+    return found
+
+
+@njit(cache=True)
+def _least_squares(coefficients, force, start, covariance, forgetting, box, centre, half, found):
+    powers = coefficients.shape[1]
+    for s in range(start.shape[0]):
+        specific, rise = start[s, 0], start[s, 1]
+        P00, P01, P11 = covariance[0, 0], covariance[0, 1], covariance[1, 1]
+        for k in range(force.shape[0]):
+            u = min(max((rise - centre) / half, -1.0), 1.0)
+            S, slope = coefficients[k, powers - 1], 0.0
+            for p in range(powers - 2, -1, -1):
+                slope = slope * u + S
+                S = S * u + coefficients[k, p]
+            g0, g1 = S, specific * slope / half
+            P00, P01, P11 = P00 / forgetting, P01 / forgetting, P11 / forgetting
+            a0, a1 = P00 * g0 + P01 * g1, P01 * g0 + P11 * g1
+            total = g0 * a0 + g1 * a1 + 1.0
+            G0, G1 = a0 / total, a1 / total
+            k00, k01, k10, k11 = 1 - G0 * g0, -G0 * g1, -G1 * g0, 1 - G1 * g1
+            b00, b01 = k00 * P00 + k01 * P01, k00 * P01 + k01 * P11
+            b10, b11 = k10 * P00 + k11 * P01, k10 * P01 + k11 * P11
+            innovation = force[k] - specific * S
+            P00 = b00 * k00 + b01 * k01 + G0 * G0
+            P01 = (b00 * k10 + b01 * k11 + b10 * k00 + b11 * k01) / 2 + G0 * G1
+            P11 = b10 * k10 + b11 * k11 + G1 * G1
+            specific = min(max(specific + G0 * innovation, box[0, 0]), box[0, 1])
+            rise = min(max(rise + G1 * innovation, box[1, 0]), box[1, 1])
+            found[s, k, 0], found[s, k, 1] = specific, rise
+
+
+def follow_models(
+    tables: ShapeTables,
+    force: np.ndarray,
+    sigma: float,
+    starts: Sequence[Mixture],
+    *,
+    models: Sequence[Model],
+    chances: np.ndarray,
+) -> np.ndarray:
+    """`interacting_models.step` in one direction, linearised at the common mean, from many starts.
+
+    Here a state is (kappa, m, dkappa) with kappa = ln k at the chip of the tables and dkappa its change to the next instant.
+    force : (instant,) N   sigma : N   starts : of (model, 3)   chances : (from, to)
+    returns the common mean after every instant, (start, instant, 3)
+    """
+    coefficients, force = _plain(tables, force)
+    found = np.empty((len(starts), len(force), 3))
+    _models(
+        coefficients,
+        force,
+        float(sigma) ** 2,
+        np.stack([start.mean for start in starts]),
+        np.stack([start.covariance for start in starts]),
+        np.stack([start.probability for start in starts]),
+        np.stack([model.transition for model in models]),
+        np.stack([model.noise for model in models]),
+        np.ascontiguousarray(chances),
+        tables.centre,
+        tables.half,
+        found,
+    )
+    return found
+
+
+@njit(cache=True)
+def _models(coefficients, force, variance, means, covariances, probabilities, F, Q, chances, centre, half, found):
+    starts, M, n = means.shape
+    powers = coefficients.shape[1]
+    prior, share = np.empty(M), np.empty((M, M))
+    x, P = np.empty((M, n)), np.empty((M, n, n))
+    mixed, mixed_P, moved = np.empty(n), np.empty((n, n)), np.empty((n, n))
+    common, H, G, column = np.empty(n), np.zeros(n), np.empty(n), np.empty(n)
+    keep, product = np.empty((n, n)), np.empty((n, n))
+    logarithm = np.empty(M)
+    for s in range(starts):
+        mean, covariance, weight = means[s].copy(), covariances[s].copy(), probabilities[s].copy()
+        for k in range(force.shape[0]):
+            for j in range(M):
+                prior[j] = 0.0
+                for i in range(M):
+                    share[i, j] = weight[i] * chances[i, j]
+                    prior[j] += share[i, j]
+                for i in range(M):
+                    share[i, j] /= prior[j]
+            common[:] = 0.0
+            for j in range(M):
+                for a in range(n):
+                    mixed[a] = 0.0
+                    for i in range(M):
+                        mixed[a] += share[i, j] * mean[i, a]
+                for a in range(n):
+                    for b in range(n):
+                        total = 0.0
+                        for i in range(M):
+                            apart = (mean[i, a] - mixed[a]) * (mean[i, b] - mixed[b])
+                            total += share[i, j] * (covariance[i, a, b] + apart)
+                        mixed_P[a, b] = total
+                for a in range(n):
+                    x[j, a] = 0.0
+                    for b in range(n):
+                        x[j, a] += F[j, a, b] * mixed[b]
+                        moved[a, b] = 0.0
+                        for c in range(n):
+                            moved[a, b] += F[j, a, c] * mixed_P[c, b]
+                    common[a] += prior[j] * x[j, a]
+                for a in range(n):
+                    for b in range(n):
+                        total = Q[j, a, b]
+                        for c in range(n):
+                            total += moved[a, c] * F[j, b, c]
+                        P[j, a, b] = total
+            u = min(max((common[1] - centre) / half, -1.0), 1.0)
+            S, slope = coefficients[k, powers - 1], 0.0
+            for p in range(powers - 2, -1, -1):
+                slope = slope * u + S
+                S = S * u + coefficients[k, p]
+            predicted = np.exp(common[0]) * S
+            H[0], H[1] = predicted, predicted * slope / (S * half)
+            for j in range(M):
+                innovation = force[k] - predicted
+                for a in range(n):
+                    innovation -= H[a] * (x[j, a] - common[a])
+                    column[a] = 0.0
+                    for b in range(n):
+                        column[a] += P[j, a, b] * H[b]
+                total = variance
+                for a in range(n):
+                    total += H[a] * column[a]
+                for a in range(n):
+                    G[a] = column[a] / total
+                    mean[j, a] = x[j, a] + G[a] * innovation
+                for a in range(n):
+                    for b in range(n):
+                        keep[a, b] = (1.0 if a == b else 0.0) - G[a] * H[b]
+                for a in range(n):
+                    for b in range(n):
+                        product[a, b] = 0.0
+                        for c in range(n):
+                            product[a, b] += keep[a, c] * P[j, c, b]
+                for a in range(n):
+                    for b in range(a + 1):
+                        updated = G[a] * variance * G[b]
+                        for c in range(n):
+                            updated += 0.5 * (product[a, c] * keep[b, c] + product[b, c] * keep[a, c])
+                        covariance[j, a, b] = updated
+                        covariance[j, b, a] = updated
+                logarithm[j] = np.log(prior[j]) - 0.5 * (innovation * innovation / total + np.log(2 * np.pi * total))
+            top = logarithm.max()
+            total = 0.0
+            for j in range(M):
+                weight[j] = np.exp(logarithm[j] - top)
+                total += weight[j]
+            for a in range(n):
+                found[s, k, a] = 0.0
+            for j in range(M):
+                weight[j] /= total
+                for a in range(n):
+                    found[s, k, a] += weight[j] * mean[j, a]
