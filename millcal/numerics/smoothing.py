@@ -80,10 +80,20 @@ class Trajectory:
     """Parameters over the record with their uncertainty, averaged over the scales."""
 
     fit: TrendFit
-    mean: np.ndarray  # (step, parameter)
-    covariance: np.ndarray  # (step, parameter, parameter)
+    block_mean: np.ndarray  # (block, parameter)
+    block_covariance: np.ndarray  # (block, parameter, parameter)
     evidence: dict[str, float]  # of each model that was tried
     alternatives: dict[str, TrendFit]
+
+    @property
+    def mean(self) -> np.ndarray:
+        """(step, parameter)"""
+        return self.block_mean[self.fit.problem.block]
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(step, parameter, parameter)"""
+        return self.block_covariance[self.fit.problem.block]
 
 
 def blocks_of(time: np.ndarray, longest: int, breaks: np.ndarray | None = None) -> np.ndarray:
@@ -386,7 +396,7 @@ def smooth(
     tell(0.9, "averaging over the scales")
     mean, covariance = averaged(best)
     evidence = {name: fit.evidence for name, fit in fits.items()}
-    return Trajectory(best, mean[best.problem.block], covariance[best.problem.block], evidence, fits)
+    return Trajectory(best, mean, covariance, evidence, fits)
 
 
 def _sharpened(fit: TrendFit, problem: Problem, block: int, limits: np.ndarray | None) -> TrendFit:
