@@ -35,7 +35,7 @@ def report(
     """
     import json
 
-    from millcal.data import Coefficients, CutForce, Frf, Modes, StabilityMap
+    from millcal.data import CoefficientHistory, Coefficients, CutForce, Frf, Modes, StabilityMap
     from millcal.errors import RecordingError
     from millcal.io.provenance import sha256_of
     from millcal.io.results import (
@@ -47,7 +47,13 @@ def report(
     )
     from millcal.report.page import render
 
-    types = {"frf": Frf, "sensor": Frf, "modes": Modes, "coefficients": Coefficients, "stability": StabilityMap}
+    types: dict[str, Any] = {
+        "frf": Frf,
+        "sensor": Frf,
+        "modes": Modes,
+        "coefficients": (Coefficients, CoefficientHistory),
+        "stability": StabilityMap,
+    }
     files = [folder / f"{name}.h5" for name in ("cuts", *types)]
     there = [file for file in files if file.is_file()]
     if not there:

@@ -133,6 +133,7 @@ class Frame:
 HALF = Frame(width=450.0, left=52.0, right=20.0, head=25.0, foot=40.0, css="half")
 SMALL = Frame(width=320.0, left=44.0, right=16.0, head=23.0, foot=40.0, css="small")
 TAG = 14.0  # height of a row of tags
+SAMPLE = 16.0  # length of a piece of a line beside its name
 
 
 class _Scale:
@@ -256,7 +257,11 @@ def _end_labels(lines: Sequence[Line], sx: _Scale, sy: _Scale, height: float, x:
         if over <= 0:
             break
         entry[0] -= over
-    return [svg.text(x, top + y + 4, label, f"series {kind}") for y, label, kind in placed]
+    parts = []
+    for y, label, kind in placed:  # each behind a piece of its line, so that they are told apart without colour too
+        parts.append(f'<path class="line {kind}" d="M{svg.number(x)},{svg.number(top + y)}h{SAMPLE:g}"/>')
+        parts.append(svg.text(x + SAMPLE + 4, top + y + 4, label, f"series {kind}"))
+    return parts
 
 
 def _tags(panel: Panel, sx: _Scale, frame: Frame, top: float) -> list[str]:
@@ -286,6 +291,7 @@ def _brackets(panel: Panel, sx: _Scale, frame: Frame, top: float) -> list[str]:
     """The labels of spans above the panel, where they hide nothing, each over a bracket."""
     parts = []
     free = 2 + 6.5 * len(panel.label) + 8  # to the right of the panel's own label
+    top -= TAG if any(isinstance(item, Tags) for item in panel.items) else 0.0  # tags stand between
     inner = frame.width - frame.left - frame.right
     for item in sorted((i for i in panel.items if isinstance(i, Span) and i.label), key=lambda span: span.start):
         start, stop = (frame.left + float(np.clip(sx(value), 0.0, inner)) for value in (item.start, item.stop))

@@ -210,7 +210,7 @@ def cross_directions(frf: Frf) -> Figure | None:
         x_range=(float(frequency[0]), float(frequency[-1])),
         x_log=True,
         label=f"Magnitude of the {len(pairs)} cross {frf.form}s against frequency",
-        frame=charts.Frame(right=110.0),
+        frame=charts.Frame(right=130.0),
         hover=True,
     )
     caption = "Response across the direction of the hammer, named response/hammer."
@@ -240,7 +240,7 @@ def hammer_spectrum(frf: Frf) -> Figure | None:
         x_range=(float(frequency[0]), float(frequency[-1])),
         x_log=True,
         label="Force spectrum of the hammer against frequency for " + ", ".join(frf.inputs),
-        frame=replace(HALF, right=58.0),
+        frame=replace(HALF, right=78.0),
         hover=True,
     )
     caption = "Spectrum of the hits. Where the hammer gives little force, the FRF is noise."

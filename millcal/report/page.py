@@ -13,15 +13,27 @@ from typing import Any
 import jinja2
 from markupsafe import Markup, escape
 
-from millcal.data import Coefficients, CutForce, Frf, Modes, StabilityMap
-from millcal.report import figures, force_figures, modal_figures, modal_tables, notices, stability_figure, tables
+from millcal.data import CoefficientHistory, Coefficients, CutForce, Frf, Modes, StabilityMap
+from millcal.report import (
+    blocks,
+    figures,
+    force_figures,
+    history_section,
+    modal_figures,
+    modal_tables,
+    notices,
+    stability_figure,
+    tables,
+)
 from millcal.report.digits import fixed, nominal, plus_minus, rounded_down, significant
 from millcal.report.driving_points import driving_pairs
 from millcal.report.wording import (
+    HISTORY_PLACES,
     Verdict,
     cutter_in_words,
     fit_level,
     fit_verdict,
+    law_in_words,
     map_verdict,
     operating_verdict,
     parameter,
@@ -48,11 +60,14 @@ _TEMPLATES.filters["spelt"] = spelt
 _TEMPLATES.filters["question"] = question
 
 
+Fit = Coefficients | CoefficientHistory  # what both hold: posterior, cutter, conditions, cuts, verdict, checks
+
+
 def render(results: Mapping[str, Any], summary: Mapping[str, Any], provenance: Mapping[str, Any]) -> str:
     """The report as HTML text; the same input gives the same bytes.
 
-    results : any of "cuts" (sequence of CutForce), "frf" (Frf), "sensor" (Frf), "modes" (Modes), "coefficients" (Coefficients),
-        "stability" (StabilityMap); a missing or None entry leaves its sections out
+    results : any of "cuts" (sequence of CutForce), "frf" (Frf), "sensor" (Frf), "modes" (Modes), "coefficients" (Coefficients
+        or CoefficientHistory), "stability" (StabilityMap); a missing or None entry leaves its sections out
     summary : what `summary.json` holds; read are `title`, `warnings` and `notes` [{code, message, where}],
         `expect` [{key, value, interval, ok}] and `recordings` [{name, path, kind, sample_rate_hz, duration_s,
         channels: [{name, quantity, unit, dof}]}], each optional
@@ -62,24 +77,27 @@ def render(results: Mapping[str, Any], summary: Mapping[str, Any], provenance: M
     frf: Frf | None = results.get("frf")
     sensor: Frf | None = results.get("sensor")
     modes: Modes | None = results.get("modes")
-    fit: Coefficients | None = results.get("coefficients")
+    found: Coefficients | CoefficientHistory | None = results.get("coefficients")
+    fit = found if isinstance(found, Coefficients) else None
+    history = found if isinstance(found, CoefficientHistory) else None
     map_: StabilityMap | None = results.get("stability")
-    records = (*cuts, frf, sensor, modes, fit, map_)
+    records = (*cuts, frf, sensor, modes, found, map_)
     sections = [
-        _measured(cuts, fit, summary, provenance),
+        _measured(cuts, found, summary, provenance),
         _quality(cuts, frf),
         _dynamics(frf),
         _modal(modes),
         _dynamometer(sensor),
         _force(fit, cuts),
         _coefficients(fit),
-        _stability(map_, fit),
+        *history_section.sections(history),
+        _stability(map_, found),
     ]
     return _TEMPLATES.get_template("page.html.j2").render(
         title=summary.get("title") or "Calibration report",
-        subtitle=_subtitle(cuts, fit, frf, modes),
-        verdicts=_verdicts(fit, map_, summary),
-        key_numbers=_key_numbers(fit, map_, frf, modes),
+        subtitle=_subtitle(cuts, found, frf, modes),
+        verdicts=_verdicts(found, map_, summary),
+        key_numbers=_key_numbers(found, map_, frf, modes),
         expected=tables.expected(summary),
         sections=[section for section in sections if section],
         warnings=notices.grouped(summary, records, "warning"),
@@ -90,43 +108,16 @@ def render(results: Mapping[str, Any], summary: Mapping[str, Any], provenance: M
     )
 
 
-def _section(name: str, title: str, *blocks: dict | None) -> dict | None:
-    """A section of what there is; none where there is nothing."""
-    there = [block for block in blocks if block]
-    return {"name": name, "title": title, "blocks": there} if there else None
-
-
-def _table(table: tables.Table | None) -> dict | None:
-    return {"kind": "table", "table": table} if table else None
-
-
-def _figure(figure: figures.Figure | None) -> dict | None:
-    if figure is None:
-        return None
-    return {"kind": "figure", "figure": figure, "charts": [Markup(svg) for svg in figure.charts]}
-
-
-def _figures(shown: Sequence[figures.Figure], title: str, caption: str, layout: str, key: Sequence = ()) -> dict | None:
-    """Several figures under one heading, side by side where the page is wide."""
-    inner = [_figure(figure) for figure in shown]
-    head = {"kind": "figures", "title": title, "caption": caption, "layout": layout, "key": key}
-    return {**head, "figures": inner} if inner else None
-
-
-def _facts(title: str, facts: Sequence[tuple[str, str]]) -> dict | None:
-    return {"kind": "facts", "title": title, "facts": facts} if facts else None
-
-
 def _measured(
-    cuts: Sequence[CutForce], fit: Coefficients | None, summary: Mapping[str, Any], provenance: Mapping[str, Any]
+    cuts: Sequence[CutForce], fit: Fit | None, summary: Mapping[str, Any], provenance: Mapping[str, Any]
 ) -> dict | None:
     cutter = fit.cutter if fit is not None else cuts[0].cutter if cuts else None
-    return _section(
+    return blocks.section(
         "measured",
         "What was measured, and with what",
-        _facts("Cutter", cutter_in_words(cutter)) if cutter else None,
-        _table(tables.conditions(cuts, fit)),
-        _table(tables.recordings(summary, provenance)),
+        blocks.facts("Cutter", cutter_in_words(cutter)) if cutter else None,
+        blocks.table(tables.conditions(cuts, fit)),
+        blocks.table(tables.recordings(summary, provenance)),
     )
 
 
@@ -137,25 +128,25 @@ def _quality(cuts: Sequence[CutForce], frf: Frf | None) -> dict | None:
     )
     if len(shown) < len(cuts):
         caption += f" {len(shown)} of {len(cuts)} cuts are drawn."
-    return _section(
+    return blocks.section(
         "quality",
         "How good the recordings are",
-        _table(tables.synchronous(cuts)) if cuts else None,
-        _table(tables.peaks(cuts)),
-        _table(tables.removed(cuts)) if cuts else None,
-        _figures(
+        blocks.table(tables.synchronous(cuts)) if cuts else None,
+        blocks.table(tables.peaks(cuts)),
+        blocks.table(tables.removed(cuts)) if cuts else None,
+        blocks.figures(
             figures.overview(shown),
             "The whole records",
             caption,
             "halves",
             (("span steady", "steady cut"), ("span air", "air cut"), ("span signal", "envelope of the force")),
         ),
-        _table(tables.hits(frf)) if frf is not None else None,
+        blocks.table(tables.hits(frf)) if frf is not None else None,
     )
 
 
 def _dynamics(frf: Frf | None) -> dict | None:
-    return _section("frf", "Frequency response", *_curves(frf)) if frf is not None else None
+    return blocks.section("frf", "Frequency response", *_curves(frf)) if frf is not None else None
 
 
 def _modal(modes: Modes | None) -> dict | None:
@@ -163,33 +154,33 @@ def _modal(modes: Modes | None) -> dict | None:
     if modes is None:
         return None
     if modes.fit is None:
-        return _section("structure", "Structure", _table(modal_tables.modes(modes)))
+        return blocks.section("structure", "Structure", blocks.table(modal_tables.modes(modes)))
     fit = modes.fit
     corrected = modal_tables.corrections_in_words(fit)
     key = modal_figures.key(fit)
     driving, cross = modal_figures.driving_points(modes, fit), modal_figures.cross(modes, fit)
-    return _section(
+    return blocks.section(
         "modes",
         "Modes",
-        {"kind": "text", "text": modal_tables.fit_in_words(fit)},
-        {"kind": "text", "text": corrected} if corrected else None,
-        _table(modal_tables.modes(modes)),
-        _table(modal_tables.stiffness(modes)),
-        _table(modal_tables.delays(modes)),
-        _figures(
+        blocks.text(modal_tables.fit_in_words(fit)),
+        blocks.text(corrected) if corrected else None,
+        blocks.table(modal_tables.modes(modes)),
+        blocks.table(modal_tables.stiffness(modes)),
+        blocks.table(modal_tables.delays(modes)),
+        blocks.figures(
             driving, "Fitted over measured at the driving points", _drawn(driving, fit.driving_points), "halves", key
         ),
-        _figures(
+        blocks.figures(
             cross,
             "Fitted over measured between other points and directions",
             _drawn(cross, modal_figures.cross_pairs(fit)),
             "thirds",
             key,
         ),
-        _table(modal_tables.residual(fit)),
-        _figure(modal_figures.stabilisation(modes, fit)),
-        _table(modal_tables.alike(modes)),
-        _figure(modal_figures.shapes(modes, fit)),
+        blocks.table(modal_tables.residual(fit)),
+        blocks.figure(modal_figures.stabilisation(modes, fit)),
+        blocks.table(modal_tables.alike(modes)),
+        blocks.figure(modal_figures.shapes(modes, fit)),
     )
 
 
@@ -205,7 +196,7 @@ def _dynamometer(sensor: Frf | None) -> dict | None:
     for block in curves:  # ids of their own beside those of the structure
         for shown in block.get("figures", [block]):
             shown["figure"] = replace(shown["figure"], name=f"sensor-{shown['figure'].name}")
-    return _section("sensor", "Dynamometer", *curves, _table(tables.hits(sensor)))
+    return blocks.section("sensor", "Dynamometer", *curves, blocks.table(tables.hits(sensor)))
 
 
 def _curves(frf: Frf) -> list[dict]:
@@ -218,11 +209,11 @@ def _curves(frf: Frf) -> list[dict]:
     caption = (
         "Response and hammer in one direction. Where the coherence falls under 0.9 the curve is not to be relied on."
     )
-    blocks = (
-        _figures([*driving, hammer] if hammer else driving, "Driving points and hammer", caption, "halves", key),
-        _figure(figures.cross_directions(frf)),
+    drawn = (
+        blocks.figures([*driving, hammer] if hammer else driving, "Driving points and hammer", caption, "halves", key),
+        blocks.figure(figures.cross_directions(frf)),
     )
-    return [block for block in blocks if block]
+    return [block for block in drawn if block]
 
 
 def _force(fit: Coefficients | None, cuts: Sequence[CutForce]) -> dict | None:
@@ -235,28 +226,22 @@ def _force(fit: Coefficients | None, cuts: Sequence[CutForce]) -> dict | None:
     caption = "Force on the tool over one revolution of the spindle; an axis has one scale in all cuts."
     if len(revolutions) < len(fit.cuts):
         caption += f" {len(revolutions)} of {len(fit.cuts)} cuts are drawn."
-    return _section(
+    return blocks.section(
         "force",
         "Measured against modelled force",
         _reasons(fit, cuts),
-        _figures(revolutions, "Force over one revolution", caption, "stack", key),
-        _figure(force_figures.harmonics(fit)),
-        _table(tables.spectrum(fit)),
-        _figure(force_figures.mean_force(fit)),
+        blocks.figures(revolutions, "Force over one revolution", caption, "stack", key),
+        blocks.figure(force_figures.harmonics(fit)),
+        blocks.table(tables.spectrum(fit)),
+        blocks.figure(force_figures.mean_force(fit)),
     )
 
 
 def _reasons(fit: Coefficients, cuts: Sequence[CutForce]) -> dict | None:
-    """What the checks hold against the model, and where to see it: the figures below prove or refute each."""
-    level = fit_level(fit)
-    asked = [question(check.name) for check in fit.checks if not check.passed]
-    if level not in ("bad", "part") or not asked:
-        return None
+    """What the checks hold against the model: the figures below prove or refute each."""
     drawn = {"quality": cuts, "harmonics": force_figures.harmonics(fit), "intervals": force_figures.intervals(fit)}
-    hidden = {name for name, there in drawn.items() if not there}
-    reasons = [replace(one, place="", look="") if one.place in hidden else one for one in asked]
-    title = "Why the model does not fit" if level == "bad" else "Why the model fits in part only"
-    return {"kind": "reasons", "title": title, "reasons": reasons}
+    hidden = {name for name, there in drawn.items() if not there} | HISTORY_PLACES
+    return blocks.reasons([check for check in fit.checks if not check.passed], fit_level(fit), hidden)
 
 
 _METHODS = {"nls": "fitted to the force within the revolution (nls)", "average": "fitted to the mean forces (average)"}
@@ -265,36 +250,36 @@ _METHODS = {"nls": "fitted to the force within the revolution (nls)", "average":
 def _coefficients(fit: Coefficients | None) -> dict | None:
     if fit is None:
         return None
-    law = {"linear-edge": "Linear-edge law", "kienzle": "Kienzle law"}.get(fit.posterior.law, fit.posterior.law)
+    law = law_in_words(fit.posterior.law)
     method = _METHODS.get(fit.posterior.method, fit.posterior.method)
-    return _section(
+    return blocks.section(
         "coefficients",
         "Cutting coefficients",
-        {"kind": "text", "text": f"{law}, {method}, {len(fit.cuts)} cut{'s' if len(fit.cuts) > 1 else ''}."},
-        _table(tables.coefficients(fit)),
-        _figure(force_figures.intervals(fit)),
-        {"kind": "checks", "title": "Checks of the fit", "checks": fit.checks} if fit.checks else None,
-        _table(tables.agreement(fit)),
-        _table(tables.left_out(fit)),
-        _table(tables.alternatives(fit)),
+        blocks.text(f"{law}, {method}, {len(fit.cuts)} cut{'s' if len(fit.cuts) > 1 else ''}."),
+        blocks.table(tables.coefficients(fit)),
+        blocks.figure(force_figures.intervals(fit)),
+        blocks.checks("Checks of the fit", fit.checks),
+        blocks.table(tables.agreement(fit)),
+        blocks.table(tables.left_out(fit)),
+        blocks.table(tables.alternatives(fit)),
     )
 
 
-def _stability(map_: StabilityMap | None, fit: Coefficients | None) -> dict | None:
+def _stability(map_: StabilityMap | None, fit: Fit | None) -> dict | None:
     if map_ is None:
         return None
     doubt = map_verdict(fit)
-    return _section(
+    return blocks.section(
         "stability",
         "Stability",
         {"kind": "verdict", "verdict": doubt} if doubt else None,
-        _facts("", tables.map_facts(map_)),
-        _figure(stability_figure.lobes(map_)),
-        _table(tables.best_speeds(map_)),
+        blocks.facts("", tables.map_facts(map_)),
+        blocks.figure(stability_figure.lobes(map_)),
+        blocks.table(tables.best_speeds(map_)),
     )
 
 
-def _subtitle(cuts: Sequence[CutForce], fit: Coefficients | None, frf: Frf | None, modes: Modes | None) -> str:
+def _subtitle(cuts: Sequence[CutForce], fit: Fit | None, frf: Frf | None, modes: Modes | None) -> str:
     parts = []
     cutter = fit.cutter if fit is not None else cuts[0].cutter if cuts else None
     if cutter is not None:
@@ -308,7 +293,7 @@ def _subtitle(cuts: Sequence[CutForce], fit: Coefficients | None, frf: Frf | Non
     return " · ".join(parts)
 
 
-def _verdicts(fit: Coefficients | None, map_: StabilityMap | None, summary: Mapping[str, Any]) -> list[Verdict]:
+def _verdicts(fit: Fit | None, map_: StabilityMap | None, summary: Mapping[str, Any]) -> list[Verdict]:
     """The answers, most wanted first."""
     said = [fit_verdict(fit)] if fit is not None else []
     operating = operating_verdict(map_, fit) if map_ is not None else None
@@ -320,12 +305,12 @@ def _verdicts(fit: Coefficients | None, map_: StabilityMap | None, summary: Mapp
     return said
 
 
-def _key_numbers(
-    fit: Coefficients | None, map_: StabilityMap | None, frf: Frf | None, modes: Modes | None
-) -> list[dict]:
+def _key_numbers(fit: Fit | None, map_: StabilityMap | None, frf: Frf | None, modes: Modes | None) -> list[dict]:
     """The numbers to take along: what, how much, unit, a word."""
     numbers = []
-    if fit is not None:
+    if isinstance(fit, CoefficientHistory):
+        numbers += history_section.key_numbers(fit)
+    elif fit is not None:
         p = fit.posterior
         for name, mean, (low, high) in zip(p.names, p.mean, p.interval, strict=True):
             known = parameter(name)

@@ -7,7 +7,7 @@ from math import degrees
 from pathlib import PurePath
 from typing import Any
 
-from millcal.data import Coefficients, Cutter, CuttingConditions, StabilityMap
+from millcal.data import CoefficientHistory, Coefficients, Cutter, CuttingConditions, StabilityMap
 from millcal.report.digits import fixed, nominal, significant, with_interval
 from millcal.units import to_shop
 
@@ -22,7 +22,7 @@ class Parameter:
     factor: float  # SI value of that unit
 
 
-_SIDES = {"t": "tangential", "r": "radial", "a": "axial"}
+SIDES = {"t": "tangential", "r": "radial", "a": "axial"}
 _RUNOUT = {
     "c0": "runout: half of how much one tooth stands out, at mid depth",
     "s0": "runout: across c0, at mid depth",
@@ -37,19 +37,35 @@ _WORDS = {  # of other entries, as far as a stage gives them
 
 def parameter(name: str) -> Parameter:
     """The parameter of this name; a name that is not known stays as it is, in SI."""
-    if len(name) == 3 and name[0] == "K" and name[1] in _SIDES:
+    if len(name) == 3 and name[0] == "K" and name[1] in SIDES:
         if name[2] == "c":
-            return Parameter(name, f"{_SIDES[name[1]]} force per area of chip", "N/mm²", 1e6)
-        return Parameter(name, f"{_SIDES[name[1]]} force per length of edge", "N/mm", 1e3)
-    if len(name) == 2 and name[1] in _SIDES and name[0] in "km":
+            return Parameter(name, f"{SIDES[name[1]]} force per area of chip", "N/mm²", 1e6)
+        return Parameter(name, f"{SIDES[name[1]]} force per length of edge", "N/mm", 1e3)
+    if len(name) == 2 and name[1] in SIDES and name[0] in "km":
         if name[0] == "k":
-            return Parameter(name, f"{_SIDES[name[1]]} force on a chip of 1 mm × 1 mm, per mm²", "N/mm²", 1e6)
-        return Parameter(name, f"{_SIDES[name[1]]} exponent: the force grows as h^(1−m)", "1", 1.0)
+            return Parameter(name, f"{SIDES[name[1]]} force on a chip of 1 mm × 1 mm, per mm²", "N/mm²", 1e6)
+        return Parameter(name, f"{SIDES[name[1]]} exponent: the force grows as h^(1−m)", "1", 1.0)
     if name in _RUNOUT:
         return Parameter(name, _RUNOUT[name], "µm", 1e-6)
     if name in _WORDS:
         return Parameter(*_WORDS[name])
     return Parameter(name, "", "", 1.0)
+
+
+def law_in_words(law: str) -> str:
+    """The law of the force as a sentence begins."""
+    return {"linear-edge": "Linear-edge law", "kienzle": "Kienzle law"}.get(law, law)
+
+
+def time_unit(duration: float) -> tuple[float, str]:
+    """The unit that a time of so many seconds is shown in: its length in s, and its name.
+
+    >>> time_unit(0.4), time_unit(12.0), time_unit(480.0)
+    ((0.001, 'ms'), (1.0, 's'), (60.0, 'min'))
+    """
+    if duration >= 300:
+        return 60.0, "min"
+    return (1.0, "s") if duration >= 0.5 else (1e-3, "ms")
 
 
 def conditions_in_words(c: CuttingConditions) -> str:
@@ -92,13 +108,13 @@ def _said(level: str, head: str, text: str) -> Verdict:
     return Verdict(level, _SIGNS[level], head, text)
 
 
-def fit_level(fit: Coefficients) -> str:
+def fit_level(fit: Coefficients | CoefficientHistory) -> str:
     """good, part or bad as the verdict of the fit begins; none where it says something else."""
     beginnings = {"does not fit": "bad", "fits in part": "part", "fits": "good"}
     return next((level for begins, level in beginnings.items() if fit.verdict.strip().startswith(begins)), "none")
 
 
-def fit_verdict(fit: Coefficients) -> Verdict:
+def fit_verdict(fit: Coefficients | CoefficientHistory) -> Verdict:
     """What the verdict of the fit means for the one who wants to use the coefficients."""
     level, why = fit_level(fit), fit.verdict.partition(":")[2]
     cuts = "the 1 cut" if len(fit.cuts) == 1 else f"the {len(fit.cuts)} cuts"
@@ -120,7 +136,7 @@ _DOUBTS = {
 }
 
 
-def map_verdict(fit: Coefficients | None) -> Verdict | None:
+def map_verdict(fit: Coefficients | CoefficientHistory | None) -> Verdict | None:
     """What the map is worth where its coefficients are in doubt; None where they are not."""
     level = fit_level(fit) if fit is not None else "good"
     if level not in _DOUBTS:
@@ -128,7 +144,7 @@ def map_verdict(fit: Coefficients | None) -> Verdict | None:
     return _said(level, _DOUBTS[level], "Its band and its probabilities know nothing of that.")
 
 
-def operating_verdict(map_: StabilityMap, fit: Coefficients | None = None) -> Verdict | None:
+def operating_verdict(map_: StabilityMap, fit: Coefficients | CoefficientHistory | None = None) -> Verdict | None:
     """Whether the cut that the recipe names is stable; None where it names none or the map does not reach there."""
     if map_.operating_point is None:
         return None
@@ -214,6 +230,7 @@ class Question:
     look: str = ""
 
 
+HISTORY_PLACES = {"specific-force", "coefficient-history", "innovations"}  # ids of a page of a history
 QUESTIONS = {
     "axis-map": Question("Signs and sizes agree with the axis map", "Signs or sizes speak against the axis map"),
     "untested": Question("Enough cuts to test the model", "Too few cuts to test the model"),
@@ -264,6 +281,24 @@ QUESTIONS = {
         "Alternating and mean forces contradict each other",
         "intervals",
         "what the alternating force alone and the mean forces say of each coefficient",
+    ),
+    "residuals": Question(
+        "The model leaves no more than noise",
+        "The model leaves more than noise",
+        "force",
+        "the difference of measured and modelled force beside the range of the noise",
+    ),
+    "innovations": Question(
+        "Nothing but noise was not foreseen",
+        "More than noise was not foreseen",
+        "innovations",
+        "means off zero and rms above 1, and when",
+    ),
+    "separable": Question(
+        "The record tells the coefficients of a direction apart",
+        "The record does not tell the coefficients of a direction apart",
+        "coefficient-history",
+        "how wide their bands are beside that of the specific force",
     ),
     "models": Question(
         "The models agree on Ktc", "Ktc depends on the model", "coefficients", "what other models say of the same cuts"
