@@ -124,3 +124,26 @@ def test_a_bound_that_is_reached_takes_the_others_along():
         sums[projection] = got.mean.sum()
     assert sums["nearest"] == pytest.approx(2.0, abs=1e-2)
     assert sums["clip"] < 1.75
+
+
+@pytest.mark.parametrize("project", rls.PROJECTIONS.values())
+def test_a_pair_outside_its_disc_comes_to_the_rim(project):
+    P = np.array([[2.0, 0.9, 0.1], [0.9, 1.0, -0.3], [0.1, -0.3, 0.7]])
+    x = project(np.array([0.3, 3.0, -4.0]), P, FREE, [(1, 2.0)])
+    assert x[1:] == pytest.approx([1.2, -1.6])
+    if project is rls.nearest:  # the state left free takes its conditional mean
+        assert np.linalg.solve(P, x - [0.3, 3.0, -4.0])[0] == pytest.approx(0.0, abs=1e-12)
+    inside = np.array([9.0, 0.1, -0.2])
+    assert np.array_equal(project(inside, P, FREE, [(1, 2.0)]), inside)
+
+
+def test_what_is_never_seen_is_not_forgotten_beyond_its_ceiling():
+    """The third state has no slope: without a ceiling its variance overflows in a few minutes of samples."""
+    H, y = record(300)
+    H[:, :, 2] = 0.0
+    free, _ = run(H, y, forgetting=0.9)
+    held, _ = run(H, y, forgetting=0.9, ceiling=np.diag(P0))
+    assert free.covariance[2, 2] > 1e13
+    assert held.covariance[2, 2] == pytest.approx(P0[2, 2])
+    assert held.mean == pytest.approx(free.mean)
+    assert held.covariance[:2, :2] == pytest.approx(free.covariance[:2, :2])
