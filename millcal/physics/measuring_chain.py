@@ -88,6 +88,29 @@ def butterworth(frequency: np.ndarray, corner: float, order: int) -> np.ndarray:
     return np.prod(-poles[:, np.newaxis] / (s - poles[:, np.newaxis]), axis=0)
 
 
+def discrete_butterworth(corner: float, order: int, sample_rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """The analog low-pass as a recursion over samples, b and a of `scipy.signal.lfilter`, gain 1 at rest.
+
+    The poles are those of the analog filter, exp(s / sample_rate). Those of b are the least squares fit of its frequency
+    response up to a quarter of the sample rate, which leaves out what a hold adds of its own: for corners up to an eighth of
+    the rate and order 2 or more the responses differ by less than 0.007 up to there, and by 0.4 % of the analog one up to a
+    tenth of the rate (order 1: 0.03, 2 %). A first-order hold has the same poles and is 3 % low at that tenth, for it draws
+    straight lines between samples.
+    corner, sample_rate : Hz   returns b (order + 1,) but no less than 3, a (order + 1,)
+    raises ValueError where the corner is not below half the rate
+    """
+    if not 0 < corner < sample_rate / 2:
+        raise ValueError(f"{corner=} Hz is not between 0 and half of {sample_rate=} Hz")
+    poles = np.exp(1j * np.pi * (2 * np.arange(1, order + 1) + order - 1) / (2 * order))
+    a = np.poly(np.exp(poles * 2 * np.pi * corner / sample_rate)).real
+    turn = np.linspace(0, 0.25, 201)  # of the sample rate
+    powers = np.exp(-2j * np.pi * np.outer(turn, np.arange(max(order, 2) + 1)))
+    basis = powers / (powers[:, : order + 1] @ a)[:, np.newaxis]
+    wanted = butterworth(turn * sample_rate, corner, order)
+    b = np.linalg.lstsq(np.concatenate([basis.real, basis.imag]), np.concatenate([wanted.real, wanted.imag]))[0]
+    return b * (a.sum() / b.sum()), a
+
+
 def anti_alias(frequency: np.ndarray, sample_rate: float) -> np.ndarray:
     """Gain of the converter's own filter: flat to sample_rate / 2.56, a cosine down to nothing at half the rate.
 
