@@ -31,11 +31,12 @@ from millcal.numerics.state_space import Filtered, Observed, Smoothed, filter_st
 from millcal.numerics.trend_models import TrendModel
 
 CONVERGED = 1e-3  # of the largest change of a parameter
-PASSES = 12  # of Gauss-Newton at most
-LARGEST_STEP = (0.5, 0.15)  # of a level, of a shape
+PASSES = 20  # of Gauss-Newton at most
 WORSE = 1.2  # a step may raise the misfit this far
+HALVINGS = 3
 SLOW = 0.03  # scale of a trend that cannot swallow a jump
 MOST_JUMPS = 8
+DOUBT = 3.0  # a guess of the evidence that misses by less than this is worth a fit
 REACH = 60  # steps to either side over which the place of a jump is refined
 
 Predict = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -61,9 +62,10 @@ class TrendFit:
     scales: np.ndarray  # (scale,)
     jumps: tuple[int, ...]  # blocks before which the states may jump
     state: np.ndarray  # (block, state)
-    seen: Observed
+    seen: Observed  # linearised no further than CONVERGED from there
     filtered: Filtered
     smoothed: Smoothed
+    converged: bool
 
     @property
     def log_likelihood(self) -> float:
@@ -72,7 +74,7 @@ class TrendFit:
     @property
     def evidence(self) -> float:
         """Log evidence: each jump pays ln(steps) for its place."""
-        return self.log_likelihood - len(self.jumps) * np.log(len(self.problem.measured))
+        return self.log_likelihood - _price(self, self.jumps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,65 +156,72 @@ def fit_at(
     jumps: Sequence[int] = (),
     *,
     start: np.ndarray | None = None,
-    limits: np.ndarray | None = None,
 ) -> TrendFit:
     """Gauss-Newton at given scales, until no parameter moves by more than a thousandth.
 
-    start : (block, state), where to begin   limits : (parameter,) largest change of a parameter in one pass
+    start : (block, state), where to begin
     """
     blocks = int(problem.block[-1]) + 1
     x = np.broadcast_to(model.dynamics.start, (blocks, len(model.dynamics.start))) if start is None else start
     intensity = np.asarray(scales)[model.scale_of]
     seen, misfit = linearised(problem, model, x)
-    _put(seen, model, jumps)
-    for _ in range(PASSES):
+    for left in range(PASSES, -1, -1):
+        _put(seen, model, jumps)
         filtered = filter_states(model.dynamics, intensity, seen)
         smoothed = smooth_states(model.dynamics, intensity, seen, filtered, covariance=False)
-        at = model.parameters(x)
-        share, old = 1.0, misfit
-        change = np.abs(model.parameters(smoothed.mean) - at).max(axis=0)
-        if limits is not None:
-            share = min(1.0, float(np.min(limits / np.maximum(change, 1e-12))))
-        for _halved in range(4):
-            new = x + share * (smoothed.mean - x)
+        change = np.abs(model.parameters(smoothed.mean) - model.parameters(x)).max(axis=0)
+        if change.max() < CONVERGED or not left:
+            break
+        share = min(1.0, float(np.min(model.limits / np.maximum(change, 1e-12))))
+        step, allowed = smoothed.mean - x, WORSE * misfit
+        for _halving in range(HALVINGS + 1):
+            new = x + share * step
             seen, misfit = linearised(problem, model, new)
-            if misfit <= WORSE * old:
+            if misfit <= allowed:
                 break
             share /= 2
-        _put(seen, model, jumps)
         x = new
-        if share == 1.0 and change.max() < CONVERGED:
-            break
-    filtered = filter_states(model.dynamics, intensity, seen)
-    smoothed = smooth_states(model.dynamics, intensity, seen, filtered, covariance=False)
-    return TrendFit(model, problem, np.asarray(scales), tuple(jumps), x, seen, filtered, smoothed)
+    converged = bool(change.max() < CONVERGED)
+    return TrendFit(
+        model, problem, np.asarray(scales), tuple(jumps), smoothed.mean, seen, filtered, smoothed, converged
+    )
+
+
+def _price(fit: TrendFit, jumps: Sequence[int]) -> float:
+    """Log of the places that each jump might have taken."""
+    return len(jumps) * float(np.log(len(fit.problem.measured)))
 
 
 def _put(seen: Observed, model: TrendModel, jumps: Sequence[int]) -> None:
     seen.shock[list(jumps)] = model.shock
 
 
-def likeliest(fit: TrendFit, rounds: int = 2, limits: np.ndarray | None = None) -> TrendFit:
+def likeliest(fit: TrendFit, rounds: int = 2) -> TrendFit:
     """The scales that maximise the innovations' likelihood, linearised again in between."""
     for _ in range(rounds):
-        scales = _likeliest_scales(fit)
+        scales, _evidence = _guessed(fit, fit.jumps)
         moved = np.abs(np.log10(scales / fit.scales)).max()
-        fit = fit_at(fit.problem, fit.model, scales, fit.jumps, start=fit.state, limits=limits)
+        fit = fit_at(fit.problem, fit.model, scales, fit.jumps, start=fit.state)
         if moved < 0.02:
             break
     return fit
 
 
-def _likeliest_scales(fit: TrendFit) -> np.ndarray:
-    """At the present linearisation; a faint pull to where it starts keeps flat directions in place."""
+def _guessed(fit: TrendFit, jumps: Sequence[int]) -> tuple[np.ndarray, float]:
+    """The likeliest scales and the evidence with these jumps, by the linearisation that is there.
+
+    A faint pull to where the search starts keeps flat directions in place.
+    """
     from scipy.optimize import minimize
 
     model, start = fit.model, np.log10(fit.scales)
+    seen = fit.seen._replace(shock=np.zeros_like(fit.seen.shock))
+    _put(seen, model, jumps)
 
     def cost(log_scale: np.ndarray) -> tuple[float, np.ndarray]:
         intensity = (10.0**log_scale)[model.scale_of]
-        filtered = filter_states(model.dynamics, intensity, fit.seen)
-        smoothed = smooth_states(model.dynamics, intensity, fit.seen, filtered, covariance=False)
+        filtered = filter_states(model.dynamics, intensity, seen)
+        smoothed = smooth_states(model.dynamics, intensity, seen, filtered, covariance=False)
         score = np.log(10) * np.bincount(model.scale_of, smoothed.score, minlength=len(log_scale))
         pull = (log_scale - start) / 25
         return -filtered.log_likelihood + 0.5 * float(pull @ (log_scale - start)), pull - score
@@ -225,7 +234,7 @@ def _likeliest_scales(fit: TrendFit) -> np.ndarray:
         method="L-BFGS-B",
         options={"maxiter": 25, "ftol": 1e-7},
     )
-    return 10.0**found.x
+    return 10.0**found.x, -float(found.fun) - _price(fit, jumps)
 
 
 def usual_scales(model: TrendModel, trend: float = 1.0, walk: float = 0.03) -> np.ndarray:
@@ -234,43 +243,41 @@ def usual_scales(model: TrendModel, trend: float = 1.0, walk: float = 0.03) -> n
     return np.where(is_trend, trend, walk)
 
 
-def find_jumps(fit: TrendFit, *, limits: np.ndarray | None = None, reach: int = REACH) -> TrendFit:
+def find_jumps(fit: TrendFit, *, reach: int = REACH) -> TrendFit:
     """Put in jumps that the evidence pays for, move them to where they are best, and take out those that no longer pay.
 
     Once from the likeliest scales, and once from a trend too slow to swallow a jump; the larger evidence stays.
     reach : blocks to either side over which a place is refined
     """
     slow = np.where(usual_scales(fit.model, 1.0, 0.0) > 0, np.minimum(fit.scales, SLOW), fit.scales)
-    starts = [fit]
+    best = _with_jumps(fit, fit)
     if np.any(slow < 0.99 * fit.scales):
-        starts.append(fit_at(fit.problem, fit.model, slow, start=fit.state, limits=limits))
-    found = [_with_jumps(start, fit, limits, reach) for start in starts]
-    return max(found, key=lambda candidate: candidate.evidence)
+        best = _with_jumps(fit_at(fit.problem, fit.model, slow, start=fit.state), best)
+    return _pruned(_refined(best, reach))
 
 
-def _with_jumps(start: TrendFit, plain: TrendFit, limits: np.ndarray | None, reach: int) -> TrendFit:
-    best, present = plain, start
-    tried: set[int] = set()
+def _with_jumps(start: TrendFit, best: TrendFit) -> TrendFit:
+    """Jumps one by one, as long as one more pays; the best of what is met.   best : what is to be beaten"""
+    present = start
     while len(present.jumps) < MOST_JUMPS:
         gain = shock_evidence(present.smoothed, present.model.shock)
-        gain[[0, *present.jumps, *tried]] = -np.inf
+        gain[[0, *present.jumps]] = -np.inf
         at = int(np.argmax(gain))
         if gain[at] < 1.0:
             break
         jumps = tuple(sorted((*present.jumps, at)))
-        slow = fit_at(present.problem, present.model, present.scales, jumps, start=present.state, limits=limits)
-        candidate = likeliest(slow, limits=limits)
-        if candidate.evidence <= best.evidence and not (present is start and slow.evidence > start.evidence):
+        scales, evidence = _guessed(present, jumps)
+        if present is best and evidence < best.evidence - DOUBT:
             break
-        if candidate.evidence > best.evidence:
-            best, present = candidate, candidate
-        else:  # a first jump of several: with the slow trend it pays, with the likeliest scales it does not yet
-            present = slow
-            tried.add(at)
-    return _pruned(_refined(best, limits, reach), limits)
+        candidate = likeliest(fit_at(present.problem, present.model, scales, jumps, start=present.state), 1)
+        if candidate.evidence <= max(best.evidence, present.evidence):
+            break
+        present = candidate
+        best = max(best, candidate, key=lambda fit: fit.evidence)
+    return best
 
 
-def _refined(fit: TrendFit, limits: np.ndarray | None, reach: int) -> TrendFit:
+def _refined(fit: TrendFit, reach: int) -> TrendFit:
     """Each jump where its Bayes factor is largest, all others in place; twice."""
     for _ in range(2):
         jumps = list(fit.jumps)
@@ -288,20 +295,24 @@ def _refined(fit: TrendFit, limits: np.ndarray | None, reach: int) -> TrendFit:
             jumps[number] = low + int(np.argmax(gain))
         if tuple(sorted(jumps)) == fit.jumps:
             break
-        moved = fit_at(fit.problem, fit.model, fit.scales, sorted(jumps), start=fit.state, limits=limits)
-        fit = moved if moved.evidence > fit.evidence else fit
+        moved = fit_at(fit.problem, fit.model, fit.scales, sorted(jumps), start=fit.state)
+        if moved.evidence <= fit.evidence:
+            break
+        fit = moved
     return fit
 
 
-def _pruned(fit: TrendFit, limits: np.ndarray | None) -> TrendFit:
+def _pruned(fit: TrendFit) -> TrendFit:
     """Without the jumps whose evidence does not pay for their place."""
     while fit.jumps:
-        without = [
-            likeliest(fit_at(fit.problem, fit.model, fit.scales, others, start=fit.state, limits=limits), 1, limits)
-            for others in ((*fit.jumps[:i], *fit.jumps[i + 1 :]) for i in range(len(fit.jumps)))
-        ]
-        best = max(without, key=lambda candidate: candidate.evidence)
-        if best.evidence <= fit.evidence:
+        without = []
+        for i in range(len(fit.jumps)):
+            others = (*fit.jumps[:i], *fit.jumps[i + 1 :])
+            scales, evidence = _guessed(fit, others)
+            if evidence > fit.evidence - DOUBT:
+                without.append(likeliest(fit_at(fit.problem, fit.model, scales, others, start=fit.state), 1))
+        best = max([fit, *without], key=lambda candidate: candidate.evidence)
+        if best is fit:
             break
         fit = best
     return fit
@@ -363,7 +374,7 @@ def smooth(
     *,
     block: int = 14,
     breaks: np.ndarray | None = None,
-    finest: int = 20_000,
+    finest: int = 4000,
     jumps: bool = True,
     start: np.ndarray | None = None,
     limits: np.ndarray | None = None,
@@ -373,40 +384,50 @@ def smooth(
 
     block : steps that share their parameters while scales, jumps and models are looked for
     breaks : (step,) bool, where a block must end
-    finest : records of no more steps are in the end fitted with a block for every step, so that jumps come to their step
+    finest : records of no more steps are in the end fitted with a block for every step; of longer ones only the steps near
+        a jump, so that it comes to its step
     start : parameters to begin with, (parameter,); the prior's mean when absent
-    limits : (parameter,) largest change of a parameter in one pass
+    limits : (parameter,) largest change of a parameter in one pass; the models' own when absent
     """
     tell = tell or (lambda share, label: None)
+    if limits is not None:
+        models = [model._replace(limits=np.asarray(limits)) for model in models]
     coarse = problem._replace(block=blocks_of(problem.time, block, breaks)) if block > 1 else problem
     blocks = int(coarse.block[-1]) + 1
     fits: dict[str, TrendFit] = {}
     for number, model in enumerate(models):
         tell(number / len(models) * 0.8, f"{model.name} trend")
         x = None if start is None else np.tile(model.begin(start), (blocks, 1))
-        fit = likeliest(fit_at(coarse, model, usual_scales(model), start=x, limits=limits), limits=limits)
+        fit = likeliest(fit_at(coarse, model, usual_scales(model), start=x))
         if jumps:
             tell((number + 0.4) / len(models) * 0.8, f"{model.name} trend, jumps")
-            fit = find_jumps(fit, limits=limits, reach=max(1, -(-REACH // block)))
+            fit = find_jumps(fit, reach=max(1, -(-REACH // block)))
         fits[model.name] = fit
     best = max(fits.values(), key=lambda fit: fit.evidence)
-    if blocks < len(problem.time) <= finest:
+    if blocks < len(problem.time) and (best.jumps or len(problem.time) <= finest):
         tell(0.8, "to the sample")
-        best = _sharpened(best, problem, block, limits)
+        best = _sharpened(best, problem, len(problem.time) <= finest)
     tell(0.9, "averaging over the scales")
     mean, covariance = averaged(best)
     evidence = {name: fit.evidence for name, fit in fits.items()}
     return Trajectory(best, mean, covariance, evidence, fits)
 
 
-def _sharpened(fit: TrendFit, problem: Problem, block: int, limits: np.ndarray | None) -> TrendFit:
-    """The same fit with a block for every step."""
-    fine = problem._replace(block=np.arange(len(problem.time)))
-    first = np.searchsorted(fit.problem.block, fit.jumps)
-    best = fit_at(fine, fit.model, fit.scales, tuple(first), start=fit.state[fit.problem.block], limits=limits)
+def _sharpened(fit: TrendFit, problem: Problem, every: bool, limits: np.ndarray | None) -> TrendFit:
+    """The same fit with a block for every step, or only for those near a jump, so that the jump comes to its step."""
+    old = fit.problem.block
+    first = np.flatnonzero(np.diff(old, prepend=-1))
+    opens = np.full(len(old), every)
+    opens[first] = True
+    for at in first[list(fit.jumps)]:
+        opens[max(at - REACH, 0) : at + REACH + 1] = True
+    block = np.cumsum(opens) - 1
+    jumps = tuple(int(block[at]) for at in first[list(fit.jumps)])
+    state = fit.state[old[np.flatnonzero(opens)]]
+    best = fit_at(problem._replace(block=block), fit.model, fit.scales, jumps, start=state)
     if best.jumps:
-        best = _pruned(_refined(best, limits, max(REACH, block)), limits)
-    return likeliest(best, 1, limits)
+        best = _pruned(_refined(best, limits, REACH))
+    return likeliest(best, 1)
 
 
 def draw_deviations(fit: TrendFit, rng: np.random.Generator, draws: int) -> tuple[np.ndarray, np.ndarray]:
