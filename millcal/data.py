@@ -23,6 +23,7 @@ from millcal.physics.modal_constants import (
     mode_shapes,
     turned,
 )
+from millcal.physics.tool_path import ToolPath
 
 AXES = ("x", "y", "z")
 
@@ -108,6 +109,9 @@ class Recording(Record):
     conditions: CuttingConditions | None = None
     steady: tuple[float, float] | None = None  # s after the first sample
     air: tuple[tuple[float, float], ...] | None = None  # s after the first sample
+    engagement: ToolPath | None = None  # where depth and angles change along the path
+    path_start: float | None = None  # s after the first sample: when that path begins
+    spindle_phase: float | None = None  # rad, of tooth 0 at the pulse, the encoder's zero or the first sample
     notices: tuple[Notice, ...] = ()
 
     @property

@@ -33,3 +33,30 @@ def pulse_times(read: Reader, start: int, stop: int, size: int = 1 << 18) -> np.
         armed = armed or len(rests) > 0
         before = float(y[-1])
     return np.array(edges)
+
+
+def number_pulses(times: np.ndarray, period: float, *, tolerance: float = 0.2) -> tuple[np.ndarray, np.ndarray]:
+    """Which pulses are once-per-revolution marks, and the number of the revolution each begins.
+
+    A mark comes a whole number of periods after the last one, to the tolerance; more than one where marks were missed. What
+    comes in between is a double edge or a disturbance. The period follows slowly. Should the first pulse be a false one, a
+    start from a later one explains more of them.
+
+    times : (pulse,) rising   period : about, in the unit of the times   tolerance : share of a period
+    returns indices of the marks and their numbers, both (mark,) and the number rising from 0
+    """
+    best: tuple[list[int], list[int]] = ([], [])
+    for first in range(min(6, len(times))):
+        kept, numbers, now = [first], [0], period
+        for i in range(first + 1, len(times)):
+            gap = (times[i] - times[kept[-1]]) / now
+            whole = round(gap)
+            if whole < 1 or abs(gap - whole) > tolerance:
+                continue
+            seen = (times[i] - times[kept[-1]]) / whole
+            now = float(np.clip((now + seen) / 2, 0.75 * period, 1.25 * period))
+            kept.append(i)
+            numbers.append(numbers[-1] + whole)
+        if len(kept) > len(best[0]):
+            best = kept, numbers
+    return np.array(best[0], int), np.array(best[1], int)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from millcal.numerics.pulses import pulse_times
+from millcal.numerics.pulses import number_pulses, pulse_times
 from millcal.numerics.spectra import reader_of
 
 PERIOD = 97.3
@@ -39,3 +39,19 @@ def test_noise_on_a_slow_edge_makes_no_second_pulse():
 
 def test_a_constant_signal_has_no_pulses():
     assert len(pulse_times(reader_of(np.ones((1, 100))), 0, 100)) == 0
+
+
+def test_marks_are_numbered_through_missed_and_false_pulses_at_a_varying_speed():
+    turns = np.arange(400)
+    true = 125.4 * (turns + 0.5 * np.sin(2 * np.pi * turns / 150))  # 2 % faster and slower
+    missed = np.delete(turns, [17, 18, 200])
+    false = np.array([true[0] - 40.0, true[50] + 6.0, true[90] + 60.0, true[300] - 50.0])
+    times = np.sort(np.concatenate([true[missed], false]))
+    kept, numbers = number_pulses(times, 125.4)
+    assert np.array_equal(times[kept], true[missed])
+    assert np.array_equal(numbers, missed)
+
+
+def test_one_pulse_or_none_is_no_trouble():
+    assert [len(part) for part in number_pulses(np.empty(0), 10.0)] == [0, 0]
+    assert [len(part) for part in number_pulses(np.array([3.0]), 10.0)] == [1, 1]

@@ -15,9 +15,10 @@ from millcal.numerics import spectra
 from millcal.numerics.low_pass import low_pass_kernel, smoothed
 from millcal.stages.conditioning import findings, spindle
 from millcal.stages.conditioning.forces import Span, block_size, force_rows, offset_line, read_forces, stated_frequency
+from millcal.stages.conditioning.samples import sample_cut
 from millcal.stages.conditioning.steady import air_samples, all_numbers_around, steady_samples, survey_record
 
-__all__ = ["condition_cut"]
+__all__ = ["condition_cut", "sample_cut"]
 
 ANALYSED_HARMONICS = 30  # taken out before the rest is called asynchronous, however few are saved
 AVERAGE_ANGLES = 360

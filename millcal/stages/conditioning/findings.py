@@ -30,7 +30,9 @@ def peaks_of(lines: Sequence[Line], ac_rms: np.ndarray, rate: float) -> tuple[As
     return tuple(peaks)
 
 
-def note_clipping(recording: Recording, rows: Sequence[int], start: int, stop: int, note: Note) -> None:
+def note_clipping(
+    recording: Recording, rows: Sequence[int], start: int, stop: int, note: Note, axes: Sequence[str] = AXES
+) -> None:
     """Say where samples of the steady cut stand at the limit of the input, or stand still at their extremes."""
     reaching, still = np.zeros(len(rows), int), np.zeros(len(rows), int)
     limits = np.array([recording.channels[row].full_scale or np.inf for row in rows])
@@ -48,7 +50,7 @@ def note_clipping(recording: Recording, rows: Sequence[int], start: int, stop: i
             for back in range(1, STILL):
                 run = run & at_it[:, STILL - 1 - back : -back]
             still += np.sum(run, axis=1)
-    for row, axis in enumerate(AXES):
+    for row, axis in enumerate(axes):
         if reaching[row]:
             note(
                 "clipped", f"f{axis} reaches its input range of {limits[row]:g} N at {reaching[row]} samples of the cut"

@@ -1,6 +1,6 @@
 """What a recording must hold to be a cut, its three forces, and the line through its air cuts."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -36,10 +36,10 @@ def stated_frequency(recording: Recording, where: str) -> float:
     return frequency
 
 
-def force_rows(recording: Recording, where: str) -> list[int]:
-    """Rows of fx, fy, fz; each axis must be there."""
+def force_rows(recording: Recording, where: str, needed: Sequence[str] = AXES) -> list[int]:
+    """Rows of fx, fy, fz; each axis that is needed must be there, and another one that is missing has row -1."""
     rows = recording.force_rows()
-    missing = [f"f{axis}" for axis, row in zip(AXES, rows, strict=True) if row < 0]
+    missing = [f"f{axis}" for axis, row in zip(AXES, rows, strict=True) if row < 0 and axis in needed]
     if missing:
         have = ", ".join(f"{c.name} ({' '.join(filter(None, (c.quantity, c.dof)))})" for c in recording.channels)
         raise RecordingError(
@@ -54,7 +54,7 @@ def read_forces(recording: Recording, rows: list[int], offset: np.ndarray, drift
 
     def read(start: int, stop: int) -> np.ndarray:
         line = np.multiply.outer(drift, np.arange(start, stop)) + offset[:, np.newaxis]
-        return np.asarray(recording.block(start, stop))[rows] - line
+        return np.asarray(recording.block(start, stop, rows)) - line
 
     return read
 
@@ -79,14 +79,22 @@ class AirLine(NamedTuple):
 
 
 def offset_line(
-    read: Reader, spans: list[Samples], samples_per_revolution: float, rate: float, offset: str, where: str, note: Note
+    read: Reader,
+    spans: list[Samples],
+    samples_per_revolution: float,
+    rate: float,
+    offset: str,
+    where: str,
+    note: Note,
+    axes: Sequence[str] = AXES,
 ) -> AirLine:
     """The line through the revolution means of the air cuts.
 
     Air cut on one side of the cut only gives its level and no drift: a slope from there would be an extrapolation. Its
     variance is that of the scatter of the revolution means, more where neighbours are alike (slow noise of the amplifier).
     """
-    nothing = AirLine(np.zeros(3), np.zeros(3), 0.0, np.zeros(3), np.zeros(3))
+    zero = np.zeros(len(axes))
+    nothing = AirLine(zero, zero, 0.0, zero, zero)
     if offset == "none":
         note("offset-kept", "offset and drift are left in, as asked; the edge coefficients absorb them", "note")
         return nothing
@@ -111,7 +119,7 @@ def offset_line(
     if not means:
         raise RecordingError(f"{where}: the air cut holds samples that are no numbers; give air_s without them")
     time, mean = np.array(times), np.array(means)  # (revolution,), (revolution, axis)
-    centre, level, slope = float(time.mean()), mean.mean(axis=0), np.zeros(3)
+    centre, level, slope = float(time.mean()), mean.mean(axis=0), zero
     moment = float(np.sum((time - centre) ** 2))
     if len(spans) > 1:
         slope = (time - centre) @ (mean - level) / moment
@@ -120,8 +128,8 @@ def offset_line(
     scatter = (
         np.sum(left**2, axis=0) / max(len(time) - 2, 1) * (1 + np.clip(alike, 0, 0.8)) / (1 - np.clip(alike, 0, 0.8))
     )
-    offsets = ", ".join(f"{axis} {value:.3g}" for axis, value in zip(AXES, level, strict=True))
-    drifts = ", ".join(f"{axis} {value * rate:.3g}" for axis, value in zip(AXES, slope, strict=True))
+    offsets = ", ".join(f"{axis} {value:.3g}" for axis, value in zip(axes, level, strict=True))
+    drifts = ", ".join(f"{axis} {value * rate:.3g}" for axis, value in zip(axes, slope, strict=True))
     seconds = sum(high - low for low, high in spans) / rate
     note(
         "offset-removed",
@@ -131,5 +139,5 @@ def offset_line(
         + ("" if len(spans) > 1 else "; it lies on one side of the cut only, so drift stays in"),
         "note" if len(spans) > 1 else "warning",
     )
-    drift_variance = scatter / moment if len(spans) > 1 else np.zeros(3)
+    drift_variance = scatter / moment if len(spans) > 1 else zero
     return AirLine(level - slope * centre, slope, centre, scatter / len(time), drift_variance)

@@ -19,7 +19,7 @@ class Survey(NamedTuple):
     """One look at every sample."""
 
     edges: np.ndarray  # (revolution + 1,) samples, at the stated speed
-    strength: np.ndarray  # (revolution,) N, AC rms of the three axes together; nan where a sample is no number
+    strength: np.ndarray  # (revolution,) N, AC rms of the axes together; nan where a sample is no number
     time: np.ndarray  # (overview,) samples
     low: np.ndarray  # (axis, overview) N
     high: np.ndarray  # (axis, overview) N
@@ -33,7 +33,7 @@ def survey_record(read: Reader, length: int, samples_per_revolution: float) -> S
     """
     exact = np.minimum(np.arange(0, length + 0.5, samples_per_revolution), length)
     edges = np.rint(exact).astype(np.int64)
-    moments = np.zeros((2, 3, len(edges)))  # sum and sum of squares; the last is a part of a revolution
+    moments = np.zeros((2, len(read(0, 1)), len(edges)))  # sum and sum of squares; the last is a part of a revolution
     width = max(1, -(-length // OVERVIEW_POINTS))
     low, high = [], []
     level: np.ndarray | None = None
@@ -103,23 +103,32 @@ def longest(runs: list[Samples]) -> Samples:
 
 def steady_samples(recording: Recording, steady: Span | None, survey: Survey, where: str, note: Note) -> Samples:
     """The steady cut: as stated, else the longest stretch of revolutions at the level of the cut."""
+    found = stated_samples(recording, steady, where) or samples_of(
+        recording, survey, *_steady_revolutions(survey, where, note)
+    )
+    refuse_what_is_no_number(recording, recording.force_rows(), *found, where)
+    return found
+
+
+def stated_samples(recording: Recording, steady: Span | None, where: str) -> Samples | None:
+    """The cut as the call or the recording states it, None where neither does."""
     n, rate = recording.samples.shape[1], recording.sample_rate
     steady = steady if steady is not None else recording.steady
-    if steady is not None:
-        start, stop = round(steady[0] * rate), round(steady[1] * rate)
-        if not 0 <= start < stop <= n + 1:
-            raise RecordingError(
-                f"{where}: steady_s = [{steady[0]:g}, {steady[1]:g}] does not lie within the record of {n / rate:g} s; "
-                "give times after its first sample"
-            )
-        stop = min(stop, n)
-    else:
-        first, last = _steady_revolutions(survey, where, note)
-        start, stop = int(survey.edges[first]), int(survey.edges[last])
-        if last == len(survey.strength):
-            stop = n
-    _refuse_what_is_no_number(recording, start, stop, where)
-    return start, stop
+    if steady is None:
+        return None
+    start, stop = round(steady[0] * rate), round(steady[1] * rate)
+    if not 0 <= start < stop <= n + 1:
+        raise RecordingError(
+            f"{where}: steady_s = [{steady[0]:g}, {steady[1]:g}] does not lie within the record of {n / rate:g} s; "
+            "give times after its first sample"
+        )
+    return start, min(stop, n)
+
+
+def samples_of(recording: Recording, survey: Survey, first: int, last: int) -> Samples:
+    """The samples of revolutions first..last, to the end of the record where the last is the record's."""
+    stop = int(survey.edges[last]) if last < len(survey.strength) else recording.samples.shape[1]
+    return int(survey.edges[first]), stop
 
 
 def _steady_revolutions(survey: Survey, where: str, note: Note) -> Samples:
@@ -169,10 +178,11 @@ def all_numbers_around(survey: Survey, steady: Samples) -> Samples:
     return min(int(first), steady[0]), int(last)
 
 
-def _refuse_what_is_no_number(recording: Recording, start: int, stop: int, where: str) -> None:
+def refuse_what_is_no_number(recording: Recording, rows: list[int], start: int, stop: int, where: str) -> None:
+    """Every force of the cut must be a number; the first that is none is told by its time."""
     size = block_size(stop - start)
     for at in range(start, stop, size):
-        block = np.asarray(recording.block(at, min(at + size, stop)))[recording.force_rows()]
+        block = np.asarray(recording.block(at, min(at + size, stop), rows))
         bad = np.flatnonzero(~np.isfinite(block).all(axis=0))
         if len(bad):
             raise RecordingError(

@@ -1,0 +1,69 @@
+"""Where the tool is in the work, for whoever follows the force sample by sample.
+
+A steady cut is a level (`steady`); here the level may change: wear, a broken edge, another engagement. So contact is all that
+is stronger than a share of what is usual, and a ramp is what changes much within a few revolutions at an end.
+"""
+
+import numpy as np
+
+from millcal.errors import RecordingError
+from millcal.stages.conditioning.forces import Note
+from millcal.stages.conditioning.steady import Survey, longest, stretches
+
+CONTACT = 0.3  # of the usual strength
+FULL = 0.97  # of the strength of the revolutions that follow: the ramp is over
+NEIGHBOURS = 20  # revolutions with which an end is compared
+
+
+def contact_revolutions(survey: Survey, where: str, note: Note, *, whole: bool) -> tuple[int, int]:
+    """Revolutions first..last of the cut.
+
+    whole : from the first contact to the last, ramps and gaps included, as an engagement table describes them; else the
+        longest stretch without its ramps
+    """
+    strength = survey.strength
+    usable = np.isfinite(strength)
+    if usable.sum() < 2:
+        raise RecordingError(
+            f"{where}: holds {len(strength)} whole revolutions at the stated speed, {int(usable.sum())} of them all numbers; "
+            "a cut needs at least 2, check the spindle speed and the sample rate"
+        )
+    strong = strength[usable & (strength > 0.25 * np.quantile(strength[usable], 0.95))]
+    if not len(strong):
+        raise RecordingError(f"{where}: the forces never change; check the channels named in the map")
+    runs = stretches(_bridged(strength, CONTACT * float(np.median(strong))), bridge=3)
+    if whole:
+        return runs[0][0], runs[-1][1]
+    first, last = longest(runs)
+    if any(low != first and high - low > 0.5 * (last - first) for low, high in runs):
+        note("several-cuts", "several stretches look like a cut; the longest is used, give steady_s for another")
+    inside = np.array(strength[first:last])
+    inside[~np.isfinite(inside)] = np.nanmedian(inside)  # refused by its time, once the cut is known
+    foot = _ramp(inside) if first > 0 else 0
+    heel = _ramp(inside[::-1]) if last < len(strength) else 0
+    return (first + foot, last - heel) if last - first > foot + heel + 1 else (first, last)
+
+
+def _bridged(strength: np.ndarray, limit: float) -> np.ndarray:
+    """Revolutions in contact; what is no number in between is taken for contact."""
+    contact = np.nan_to_num(strength, nan=-1.0) > limit
+    for low, high in stretches(~np.isfinite(strength)):
+        if low > 0 and high < len(strength) and contact[low - 1] and contact[high]:
+            contact[low:high] = True
+    return contact
+
+
+def _ramp(strength: np.ndarray) -> int:
+    """Revolutions at the beginning in which the tool is not yet fully in the work.
+
+    The last of a ramp is flat: half again as many revolutions as it takes from nine tenths to nearly all are left out
+    beside it, and one more because the contact begins within a revolution. Drift over a cut is slower by far.
+    """
+    ahead = min(NEIGHBOURS, max(len(strength) // 4, 1))
+    level = np.array([np.median(strength[i : i + ahead]) for i in range(min(len(strength), len(strength) // 2 + 1))])
+    share = strength[: len(level)] / level
+    nearly = np.flatnonzero(share >= 0.9)
+    full = np.flatnonzero(share >= FULL)
+    if not len(nearly) or not len(full):
+        return 0
+    return int(full[0]) + int(np.ceil(1.5 * max(full[0] - nearly[0], 0))) + 1

@@ -1,0 +1,213 @@
+"""Where the spindle stands at every sample: from an encoder, from a pulse per revolution, or from its speed alone.
+
+An encoder says it outright. Between pulses the speed is smooth, and as smooth as the pulses themselves say: their times are
+known to a sample only, so that a speed from one to the next would jump. Without either, the harmonics of the force give the
+speed, and how they run ahead of it from revolution to revolution gives its slow changes.
+"""
+
+import numpy as np
+
+from millcal.data import Recording
+from millcal.errors import RecordingError
+from millcal.numerics import spectra
+from millcal.numerics.pulses import number_pulses, pulse_times
+from millcal.numerics.smooth_sequence import smooth_sequence
+from millcal.stages.conditioning.forces import Note, block_size
+from millcal.stages.conditioning.spindle import FAR_FROM_STATED, NYQUIST_SHARE, each_revolution, spindle_cycle
+
+TURN = 2 * np.pi
+FARTHEST = 0.2  # from the stated speed, of an encoder or a pulse that is believed
+FEWEST_PULSES = 0.5  # of those expected
+REACH = 3  # revolutions beside the cut whose pulses help
+TO_A_SAMPLE = 0.6  # samples: pulses that are this near to a constant speed say nothing of another
+WANDERS = 0.02  # rad, rms, of a spindle whose speed is not constant: less may be the force that changes its shape
+ROUNDS = 4
+
+
+def encoder_angle(recording: Recording, start: int, stop: int, stated: float, note: Note) -> np.ndarray | None:
+    """The angle from a channel of angles, which may begin again at each turn; None where there is no usable one.
+
+    stated : cycles per sample   returns (sample,) rad, rising
+    """
+    rows = recording.rows_of("angle")[:1]
+    if not rows:
+        return None
+    size = block_size(stop - start)
+    raw = np.concatenate(
+        [np.asarray(recording.block(at, min(at + size, stop), rows))[0] for at in range(start, stop, size)]
+    )
+    bad = np.flatnonzero(~np.isfinite(raw))
+    if len(bad):
+        note("encoder-unusable", f"the angle is no number at {(start + bad[0]) / recording.sample_rate:g} s: not used")
+        return None
+    angle = np.unwrap(raw)
+    if angle[-1] < angle[0]:
+        angle = -angle
+        note("encoder-sense", "the encoder counts down while the spindle turns: its angle is turned round", "note")
+    angle = _without_glitches(angle, note)
+    measured = (angle[-1] - angle[0]) / (TURN * (len(angle) - 1))
+    if abs(measured / stated - 1) > FARTHEST:
+        note(
+            "encoder-unusable",
+            f"the encoder turns {measured / stated:.3g} times as fast as the stated spindle: not used, check its unit",
+        )
+        return None
+    changes = np.flatnonzero(np.diff(angle, prepend=angle[0] - 1.0) > 0)
+    if len(changes) < 0.5 * len(angle):  # coarse: between two counts the spindle turns on
+        angle = _straight_through(changes, angle[changes], len(angle))
+    return angle
+
+
+def _without_glitches(angle: np.ndarray, note: Note) -> np.ndarray:
+    """Single samples that lie far off while their neighbours agree, as where a wrap falls into a sample, are put between."""
+    between = np.array(angle)
+    between[1:-1] = (angle[:-2] + angle[2:]) / 2
+    off = np.abs(angle - between)
+    beside = np.maximum(np.roll(off, 1), np.roll(off, -1))  # half as far off as the sample that is wrong
+    wrong = (off > max(0.2, 3 * float(np.median(np.diff(angle))))) & (off > 1.5 * beside)
+    if wrong.any():
+        count = int(wrong.sum())
+        note("encoder-glitches", f"{count} samples of the angle lie far off their neighbours: put between them", "note")
+    return np.where(wrong, between, angle)
+
+
+def _straight_through(at: np.ndarray, values: np.ndarray, length: int) -> np.ndarray:
+    """Values at some samples, straight between them and on from there.   returns (length,)"""
+    samples = np.arange(length)
+    slope = (values[-1] - values[0]) / (at[-1] - at[0])
+    outside = np.minimum(samples - at[0], 0) + np.maximum(samples - at[-1], 0)
+    return np.interp(samples, at, values) + slope * outside
+
+
+def pulse_angle(recording: Recording, start: int, stop: int, stated: float, note: Note) -> np.ndarray | None:
+    """The angle from a pulse per revolution, 0 where one rises; None where there is no usable one.
+
+    stated : cycles per sample   returns (sample,) rad, rising
+    """
+    rows = recording.rows_of("pulse")[:1]
+    if not rows:
+        return None
+    first = max(start - round(REACH / stated), 0)
+    last = min(stop + round(REACH / stated), recording.samples.shape[1])
+    times = first + pulse_times(lambda a, b: np.asarray(recording.block(a, b, rows)), first, last)
+    expected = (last - first) * stated
+    period = float(np.median(np.diff(times))) if len(times) > 1 else np.inf
+    kept, turns = number_pulses(times, period) if abs(period * stated - 1) <= FARTHEST else (np.empty(0, int),) * 2
+    if len(kept) < max(2, FEWEST_PULSES * expected - 1):
+        note(
+            "pulse-unusable",
+            f"{len(times)} pulses in {expected:.0f} revolutions, {len(kept)} of them in step: not used",
+        )
+        return None
+    marks = times[kept]
+    missed, false = int(turns[-1]) + 1 - len(kept), len(times) - len(kept)
+    ends = max(marks[0] - start, stop - marks[-1], 0.0) / period
+    if missed or false or ends > REACH:
+        told = [f"{missed} missed"] * (missed > 0) + [f"{false} double or false"] * (false > 0)
+        told += [f"none in {ends:.0f} revolutions at an end of the cut"] * (ends > REACH)
+        note("pulse-mended", f"pulses: {', '.join(told)}; the spindle angle is bridged there by its speed")
+    return TURN * _turns_between(marks, turns, start, stop)
+
+
+def _turns_between(marks: np.ndarray, turns: np.ndarray, start: int, stop: int) -> np.ndarray:
+    """Revolutions at every sample from the times of marks, smoothed.   marks : (mark,) samples   turns : their numbers"""
+    samples = np.arange(start, stop)
+    line = np.polynomial.Polynomial.fit(turns, marks, 1)
+    to_a_sample = np.all(np.abs(marks % 1.0 - 0.5) < 0.05)  # a pulse without slope
+    if len(marks) < 5 or (to_a_sample and np.abs(marks - line(turns)).max() <= TO_A_SAMPLE):
+        origin, slope = line.convert().coef
+        return (samples - origin) / slope
+    from scipy.interpolate import CubicSpline
+
+    number = np.arange(turns[-1] + 1)
+    weights, values = np.zeros(len(number)), np.zeros(len(number))
+    weights[turns], values[turns] = 1.0, marks
+    smooth = smooth_sequence(values, weights)
+    inner = CubicSpline(smooth, number)(np.clip(samples, smooth[0], smooth[-1]))
+    ahead = min(4, len(number)) - 1
+    before = (samples - smooth[0]) * ahead / (smooth[ahead] - smooth[0])
+    after = number[-1] + (samples - smooth[-1]) * ahead / (smooth[-1] - smooth[-1 - ahead])
+    return np.where(samples < smooth[0], before, np.where(samples > smooth[-1], after, inner))
+
+
+def speed_angle(
+    force: np.ndarray, start: int, stated: float, teeth: int, where: str, note: Note, *, steady: bool
+) -> np.ndarray:
+    """The angle from the harmonics of the force, 0 at the first sample of the recording.
+
+    A speed that changes slowly is followed where it is sure, and the engagement is constant: else the force changes its shape
+    by itself, and only its mean speed can be told.
+
+    force : (axis, sample), of the cut   start : its first sample   stated : cycles per sample   steady : constant engagement
+    returns (sample,) rad, rising
+    """
+    read = spectra.reader_of(force)
+    length = force.shape[1]
+    cycle = spindle_cycle(read, 0, length, stated, teeth, where, note).cycle
+    turns = np.arange(length) * cycle
+    if steady:
+        turns = turns + _lead(force, turns, cycle)
+    return TURN * (turns + start * cycle)
+
+
+def _lead(force: np.ndarray, turns: np.ndarray, cycle: float) -> np.ndarray:
+    """By how many revolutions the spindle runs ahead of uniform motion, smooth; 0 where that is not sure.
+
+    Each round puts the force on equal steps of the angle found so far, where its harmonics are no longer smeared.
+    """
+    lead = np.zeros_like(turns)
+    highest = max(1, min(12, int(NYQUIST_SHARE / cycle)))
+    for _ in range(ROUNDS):
+        even = np.array([np.interp(turns, turns + lead, row) for row in force])
+        read = spectra.reader_of(even)
+        fitted = spectra.fit_harmonics(read, 0, force.shape[1], cycle, highest)
+        found = each_revolution(read, 0, force.shape[1], cycle, fitted)
+        ahead = found.lead / np.where(np.abs(found.gain) > 0.1, found.gain, np.inf)
+        if len(ahead) < 8:
+            return np.zeros_like(turns)
+        course = smooth_sequence(ahead) / TURN
+        at = (np.arange(len(ahead)) + 0.5) / cycle
+        more = np.interp(np.arange(len(turns)), at, course)
+        lead += more
+        if np.sqrt(np.mean(course**2)) * TURN < 1e-4:
+            break
+    wander = lead - np.polynomial.Polynomial.fit(turns, lead, 1)(turns)
+    return lead if np.sqrt(np.mean(wander**2)) * TURN > WANDERS else np.zeros_like(turns)
+
+
+def note_speed(frequency: float, stated: float, source: str, note: Note) -> None:
+    """Say where encoder or pulse tell another speed than the stated one.   frequency, stated : Hz"""
+    if source != "speed" and abs(frequency / stated - 1) > FAR_FROM_STATED:
+        note(
+            "speed-off",
+            f"the {source} says {frequency / stated - 1:+.1%} against the stated spindle speed; the measured one is used, "
+            "check spindle_speed_rpm and the sample rate",
+        )
+
+
+def synchronous_share(force: np.ndarray, angle: np.ndarray, highest: int) -> float:
+    """Share of the force's variance that harmonics of the spindle explain, less what chance explains.
+
+    force : (axis, sample)   angle : (sample,) rad
+    """
+    turn = np.exp(1j * np.multiply.outer(angle, np.arange(1, highest + 1)))
+    columns = np.column_stack([np.ones(len(angle)), turn.real, turn.imag])
+    about = (force - force.mean(axis=1, keepdims=True)).T
+    rest = about - columns @ np.linalg.lstsq(columns, about)[0]
+    freedom = columns.shape[1] / len(angle)
+    explained = 1.0 - float(np.sum(rest**2)) / max(float(np.sum(about**2)), 1e-300)
+    return (explained - freedom) / max(1.0 - freedom, 1e-9)
+
+
+def refuse_what_is_no_cut(share: float, where: str, note: Note) -> None:
+    """A record whose force does not follow the spindle at all holds nothing to follow."""
+    if share < 0.05:
+        raise RecordingError(
+            f"{where}: {max(share, 0.0):.1%} of the force follows the spindle: this is no cut at the stated speed; check "
+            "spindle_speed_rpm and the map, or give steady_s"
+        )
+    if share < 0.3:
+        note(
+            "not-synchronous",
+            f"only {share:.0%} of the force's power follows the spindle; is this a cut at that speed?",
+        )
