@@ -413,7 +413,7 @@ def smooth(
     return Trajectory(best, mean, covariance, evidence, fits)
 
 
-def _sharpened(fit: TrendFit, problem: Problem, every: bool, limits: np.ndarray | None) -> TrendFit:
+def _sharpened(fit: TrendFit, problem: Problem, every: bool) -> TrendFit:
     """The same fit with a block for every step, or only for those near a jump, so that the jump comes to its step."""
     old = fit.problem.block
     first = np.flatnonzero(np.diff(old, prepend=-1))
@@ -426,7 +426,7 @@ def _sharpened(fit: TrendFit, problem: Problem, every: bool, limits: np.ndarray 
     state = fit.state[old[np.flatnonzero(opens)]]
     best = fit_at(problem._replace(block=block), fit.model, fit.scales, jumps, start=state)
     if best.jumps:
-        best = _pruned(_refined(best, limits, REACH))
+        best = _pruned(_refined(best, REACH))
     return likeliest(best, 1)
 
 

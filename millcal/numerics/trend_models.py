@@ -22,6 +22,7 @@ WALK_GRID = np.logspace(-2.5, -0.5, 4)  # of a walk's
 TREND_BOX, WALK_BOX = (-2.5, 2.5), (-3.5, 0.5)  # of their decadic logarithms, for the search of the likeliest
 LEVEL_JUMP, SHAPE_JUMP = 0.25, 0.04  # standard deviation of a sudden change
 LOADING, SHAPE_LOADING = 1.0, 0.3  # standard deviations of c about 1 and d about 0
+LARGEST_STEP = (0.5, 0.15)  # of a level, of a shape, in one pass of Gauss-Newton
 SPEED = 1.0  # standard deviation of the trend's slope over the record
 
 
@@ -41,6 +42,7 @@ class TrendModel(NamedTuple):
     box: np.ndarray  # (scale, 2) of log10
     groups: tuple[tuple[tuple[int, np.ndarray], ...], ...]  # for averaging: scales that vary together, with their grids
     shock: np.ndarray  # (state,) variance of a jump
+    limits: np.ndarray  # (parameter,) largest change in one pass of Gauss-Newton
     begin: Callable[[np.ndarray], np.ndarray]  # parameters that do not change, (parameter,) -> state (state,)
     parameters: Callable[[np.ndarray], np.ndarray]  # (step, state) -> (step, parameter)
     slopes: Callable[[np.ndarray], np.ndarray]  # (step, state) -> (step, parameter, state)
@@ -69,6 +71,7 @@ def independent(mean: np.ndarray, covariance: np.ndarray, layout: Layout) -> Tre
         np.array([TREND_BOX] * D + [WALK_BOX] * D),
         tuple(((d, TREND_GRID), (D + d, WALK_GRID)) for d in range(D)),
         shock,
+        _limits(n, layout),
         lambda p: np.concatenate([p, np.zeros(D)]),
         lambda x: x[:, :n],
         lambda x: np.broadcast_to(picked, (len(x), n, n + D)),
@@ -122,10 +125,17 @@ def shared(mean: np.ndarray, covariance: np.ndarray, layout: Layout) -> TrendMod
         np.array([TREND_BOX]),
         (((0, TREND_GRID),),),
         shock,
+        _limits(n, layout),
         begin,
         parameters,
         slopes,
     )
+
+
+def _limits(parameters: int, layout: Layout) -> np.ndarray:
+    limits = np.full(parameters, np.inf)
+    limits[list(layout.levels)], limits[list(layout.shapes)] = LARGEST_STEP
+    return limits
 
 
 MODELS: dict[str, Callable[[np.ndarray, np.ndarray, Layout], TrendModel]] = {
