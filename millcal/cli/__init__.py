@@ -27,6 +27,7 @@ COMMANDS = {
     "identify": "Cutting coefficients from dynamometer cuts, with intervals and a verdict.",
     "stability": "Limit depth against spindle speed from coefficients and an FRF or modes.",
     "simulate": "Write synthetic recordings with known truth from a recipe.",
+    "study": "A published experiment again, beside its own numbers.",
     "report": "Make a result folder's report again, without computing.",
     "schema": "Print the JSON schema of recipes.",
 }
