@@ -10,6 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+SAMPLES_PER_COEFFICIENT = 10
+
 
 class Autoregression(NamedTuple):
     """Noise of one channel."""
@@ -20,33 +22,38 @@ class Autoregression(NamedTuple):
 
 
 def fit_autoregression(pieces: Sequence[np.ndarray], highest: int = 4) -> Autoregression:
-    """The order with the smallest Akaike criterion, by the pooled autocovariance of all pieces (Yule-Walker).
+    """Least squares over all pieces, of the order with the smallest Akaike criterion.
 
-    pieces : stretches of noise about zero, (sample,) each   highest : order tried at most
+    Not by the autocovariance: that of short pieces leans to zero, and for the noise of a low-pass, whose neighbours are nearly
+    alike, a bias of some percent makes the white part several times too strong.
+    pieces : stretches of noise about zero, (sample,) each   highest : order tried at most, less where the pieces are short
     """
-    n = sum(len(piece) for piece in pieces)
-    longest = max(len(piece) for piece in pieces)
-    highest = min(highest, longest - 1)
-    r = (
-        np.array(
-            [sum(float(p[: len(p) - lag] @ p[lag:]) for p in pieces if len(p) > lag) for lag in range(highest + 1)]
-        )
-        / n
-    )
-    best, criterion = (
-        Autoregression(np.zeros(0), float(np.sqrt(r[0])), float(np.sqrt(r[0]))),
-        n * np.log(max(r[0], 1e-300)),
-    )
-    for order in range(1, highest + 1):
-        matrix = r[np.abs(np.subtract.outer(np.arange(order), np.arange(order)))]
-        a = np.linalg.solve(matrix + 1e-12 * r[0] * np.eye(order), r[1 : order + 1])
-        variance = float(r[0] - a @ r[1 : order + 1])
-        if variance <= 0:
-            break
-        cost = n * np.log(variance) + 2 * order
+    total = np.concatenate([np.asarray(piece, float) for piece in pieces])
+    total_sd = float(np.sqrt(np.mean(total**2)))
+    while highest and sum(max(len(piece) - highest, 0) for piece in pieces) < SAMPLES_PER_COEFFICIENT * highest:
+        highest -= 1
+    best, criterion = 0, np.inf
+    for order in range(highest + 1):
+        now, past = _beside_their_past(pieces, order, highest)  # the same samples for all orders
+        left = now - past @ np.linalg.lstsq(past, now, rcond=None)[0]
+        cost = len(now) * np.log(max(float(left @ left), 1e-300)) + 2 * order
         if cost < criterion - 2:
-            best, criterion = Autoregression(a, float(np.sqrt(variance)), float(np.sqrt(r[0]))), cost
-    return best
+            best, criterion = order, cost
+    now, past = _beside_their_past(pieces, best, best)
+    coefficients = np.linalg.lstsq(past, now, rcond=None)[0]
+    left = now - past @ coefficients
+    sd = float(np.sqrt(left @ left / (len(now) - best))) if best else total_sd
+    return Autoregression(coefficients, sd, total_sd)
+
+
+def _beside_their_past(pieces: Sequence[np.ndarray], order: int, skipped: int) -> tuple[np.ndarray, np.ndarray]:
+    """Samples but the first of each piece, and those before each.   returns (sample,), (sample, order)"""
+    now = np.concatenate([piece[skipped:] for piece in pieces])
+    past = [
+        np.concatenate([piece[skipped - i : len(piece) - i] for piece in pieces if len(piece) > skipped])
+        for i in range(1, order + 1)
+    ]
+    return now, np.stack(past, axis=1) if order else np.zeros((len(now), 0))
 
 
 def whiten(noise: Autoregression, values: np.ndarray) -> np.ndarray:

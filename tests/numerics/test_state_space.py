@@ -156,7 +156,7 @@ def test_observations_of_a_step_may_be_turned():
     )
     assert filtered_too.log_likelihood == pytest.approx(filtered.log_likelihood, abs=1e-9)
     assert smoothed_too.mean == pytest.approx(smoothed.mean, abs=1e-9)
-    assert smoothed_too.N == pytest.approx(smoothed.N, abs=1e-9)
+    assert pytest.approx(smoothed.N, abs=1e-9) == smoothed_too.N
 
 
 def test_a_step_in_between_without_an_observation_changes_nothing():
