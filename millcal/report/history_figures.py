@@ -59,7 +59,8 @@ def cut_spans(history: CoefficientHistory) -> list[tuple[int, float, float]]:
     return [(int(history.cut[i]), float(history.time[i]), end) for i, end in zip(starts.tolist(), ends, strict=True)]
 
 
-def _ends(history: CoefficientHistory, unit: float) -> tuple[float, float]:
+def time_ends(history: CoefficientHistory, unit: float) -> tuple[float, float]:
+    """The range of a picture of the whole time, in units of so many seconds; from zero where that is near."""
     low, high = float(history.time[0]) / unit, float(history.time[-1]) / unit
     if 0 < low < 0.1 * high:
         low = 0.0
@@ -133,7 +134,7 @@ def specific_force(history: CoefficientHistory) -> Figure:
         for i, d in enumerate(history.directions)
     )
     label = f"Specific force on a chip of {chip} µm over time, from the first step to the last: {ends}"
-    svg = chart(panels, x_label=f"time, {word}", x_range=_ends(history, unit), label=label, hover=True)
+    svg = chart(panels, x_label=f"time, {word}", x_range=time_ends(history, unit), label=label, hover=True)
     caption = (
         f"Force per area of a chip {chip} µm thick, the thickness at which these cuts tell it best: what the edge costs, "
         f"whatever law it follows.{_leaves(history, low, high)}"
@@ -150,7 +151,7 @@ def coefficients(history: CoefficientHistory) -> Figure:
     time = history.time / unit
     frame, layout = (SMALL, "thirds") if len(history.directions) > 2 else (HALF, "halves")
     columns, drawings = [Column("time", word, time)], []
-    ends, banded = _ends(history, unit), False
+    ends, banded = time_ends(history, unit), False
     x_ticks = _instants(ends, 6 if frame is HALF else 4)
     for i, name in enumerate(history.names):
         known = parameter(name)
@@ -297,14 +298,19 @@ def expected_rms(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return ends[0], ends[1]
 
 
+def innovations_are_known(history: CoefficientHistory) -> bool:
+    """Whether the record holds any."""
+    return bool((np.isfinite(history.innovation_mean) & np.isfinite(history.innovation_square)).any())
+
+
 def innovations(history: CoefficientHistory) -> Figure | None:
     """How far the force was from its forecast, mean and rms over stretches, with the range that is to be expected."""
-    if not np.isfinite(history.innovation_square).any():
+    if not innovations_are_known(history):
         return None
     unit, word = time_unit(history.time[-1] - history.time[0])
     seen = stretches(history)
     time = seen["time"] / unit
-    ends = _ends(history, unit)
+    ends = time_ends(history, unit)
     columns, drawings, outside = [Column("time", word, time)], [], []
     for kind, right, expected in (("mean", 0.0, expected_mean), ("rms", 1.0, expected_rms)):
         panels = []

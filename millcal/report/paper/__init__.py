@@ -8,10 +8,11 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from millcal.report.paper import coefficients, forces, frf, modes, sheet, stability
+from millcal.data import CoefficientHistory
+from millcal.report.paper import coefficients, forces, frf, history, modes, sheet, stability
 
 NAMES = re.compile(
-    r"stability-map|frf(-\d+)?|modal-fit(-\d+)?|modal-chart|force-revolution(-\d+)?|mean-force|coefficients"
+    r"stability-map|frf(-\d+)?|modal-fit(-\d+)?|modal-chart|force-revolution(-\d+)?|mean-force|coefficients|history"
 )  # of all there can be
 
 
@@ -28,7 +29,9 @@ def figures_of(results: Mapping[str, Any]) -> dict[str, Any]:
         figures |= frf.driving_points(results["frf"], results.get("modes"))
     if results.get("modes") is not None:
         figures |= modes.modal_figures(results["modes"])
-    if fit is not None:
+    if isinstance(fit, CoefficientHistory):
+        figures["history"] = history.history_sheet(fit)
+    elif fit is not None:
         figures |= forces.revolutions(fit, cuts)
         figures["mean-force"] = forces.mean_force(fit, cuts)
         figures |= coefficients.intervals(fit)

@@ -37,7 +37,7 @@ def intervals(fit: Coefficients) -> dict[str, Any]:
             ring = {"color": sheet.MODEL, "fillstyle": "none", "markersize": 4}
             (entries["other models"],) = panel.plot(elsewhere, place[1:], "D", **ring)
         sheet.scale(panel, "x", span_of(np.array([low, high, value]), elsewhere, margin=0.1), most=4)
-        panel.set_xlabel(f"{_symbol(name)} ({known.unit})")
+        panel.set_xlabel(f"{symbol(name)} ({known.unit})")
         panel.set_yticks(place, [sheet.plain(label) for label in labels])
         panel.set_ylim(place[-1] - 0.6, 0.6)
     for number, panel in enumerate(panels.flat):
@@ -50,6 +50,6 @@ def intervals(fit: Coefficients) -> dict[str, Any]:
     return {"coefficients": figure}
 
 
-def _symbol(name: str) -> str:
+def symbol(name: str) -> str:
     """Ktc -> K with index tc."""
     return rf"${name[0]}_{{\mathrm{{{name[1:]}}}}}$"

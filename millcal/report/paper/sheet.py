@@ -104,6 +104,23 @@ def sheet(
     return figure, figure.subplots(rows, columns, squeeze=False, height_ratios=heights, width_ratios=widths)
 
 
+def stacked(
+    width: float, height: float, groups: Sequence[tuple[Sequence[float], int]]
+) -> tuple[Figure, list[np.ndarray]]:
+    """An empty figure, in mm, of groups of panels one under the other, each with columns of its own.
+
+    groups : the heights of its rows relative to those of all groups, and how many columns
+    returns the figure and the axes of each group (row, column)
+    """
+    figure = Figure(figsize=(width * MM, height * MM))
+    outer = figure.add_gridspec(len(groups), 1, height_ratios=[sum(heights) for heights, _ in groups])
+    panels = []
+    for place, (heights, columns) in enumerate(groups):
+        inner = outer[place].subgridspec(len(heights), columns, height_ratios=list(heights))
+        panels.append(inner.subplots(squeeze=False))
+    return figure, panels
+
+
 def file_bytes(figure: Figure, format: str) -> bytes:
     """The figure as a file of one of FORMATS."""
     buffer = BytesIO()

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from histories import two_cuts, unknown, wide, worn
 from modal_fits import cut_off, single, six_by_three
 
 from millcal.data import Posterior, StabilityMap
@@ -99,6 +100,10 @@ def hard_results(coefficients, frf, stability) -> dict[str, dict]:
         "one cut": {"coefficients": with_cuts(coefficients, 1)},
         "seven cuts, two alike": {"coefficients": with_cuts(coefficients, 7)},
         "another law": {"coefficients": kienzle(coefficients)},
+        "a jump": {"coefficients": worn()},
+        "two cuts, three directions": {"coefficients": two_cuts()},
+        "bands of a prior": {"coefficients": wide()},
+        "nothing but values": {"coefficients": unknown()},
         "no other model": {"coefficients": replace(coefficients, alternatives=())},
     }
 
