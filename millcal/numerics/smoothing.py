@@ -36,6 +36,7 @@ WORSE = 1.2  # a step may raise the misfit this far
 HALVINGS = 3
 SLOW = 0.03  # scale of a trend that cannot swallow a jump
 MOST_JUMPS = 8
+LEAST_WEIGHT = 1e-6  # of a scale, to be counted in the average
 DOUBT = 3.0  # a guess of the evidence that misses by less than this is worth a fit
 REACH = 60  # steps to either side over which the place of a jump is refined
 
@@ -325,33 +326,36 @@ def averaged(fit: TrendFit) -> tuple[np.ndarray, np.ndarray]:
     mean and covariance is summed.   returns (block, parameter), (block, parameter, parameter)
     """
     model = fit.model
-    here = _pass(fit, fit.scales)
-    mean, covariance = here[1].copy(), here[2].copy()
+    here = _smoothed_at(fit, fit.scales)
+    mean, covariance = here.mean.copy(), here.covariance.copy()
     for group in model.groups:
-        passes = []
+        choices = []
         for values in product(*(grid for _, grid in group)):
             scales = fit.scales.copy()
             scales[[index for index, _ in group]] = values
-            passes.append(_pass(fit, scales))
-        weight = np.exp(np.array([p[0] for p in passes]) - max(p[0] for p in passes))
+            choices.append(scales)
+        log_weight = np.array([_filtered_at(fit, scales).log_likelihood for scales in choices])
+        weight = np.exp(log_weight - log_weight.max())
         weight /= weight.sum()
-        centre = sum(w * p[1] for w, p in zip(weight, passes, strict=True))
-        spread = sum(
-            w * (p[2] + (p[1] - centre)[:, :, np.newaxis] * (p[1] - centre)[:, np.newaxis])
-            for w, p in zip(weight, passes, strict=True)
-            if w > 1e-6
-        )
-        mean += centre - here[1]
-        covariance += spread - here[2]
+        shift, spread = np.zeros_like(mean), np.zeros_like(covariance)
+        for w, scales in zip(weight, choices, strict=True):
+            if w > LEAST_WEIGHT:
+                there = _smoothed_at(fit, scales)
+                away = there.mean - here.mean
+                shift += w * away
+                spread += w * (there.covariance - here.covariance + away[:, :, np.newaxis] * away[:, np.newaxis])
+        mean += shift
+        covariance += spread - shift[:, :, np.newaxis] * shift[:, np.newaxis]
     G = model.slopes(mean)
     return model.parameters(mean), G @ covariance @ G.transpose(0, 2, 1)
 
 
-def _pass(fit: TrendFit, scales: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-    intensity = scales[fit.model.scale_of]
-    filtered = filter_states(fit.model.dynamics, intensity, fit.seen)
-    smoothed = smooth_states(fit.model.dynamics, intensity, fit.seen, filtered)
-    return filtered.log_likelihood, smoothed.mean, smoothed.covariance
+def _filtered_at(fit: TrendFit, scales: np.ndarray) -> Filtered:
+    return filter_states(fit.model.dynamics, scales[fit.model.scale_of], fit.seen)
+
+
+def _smoothed_at(fit: TrendFit, scales: np.ndarray) -> Smoothed:
+    return smooth_states(fit.model.dynamics, scales[fit.model.scale_of], fit.seen, _filtered_at(fit, scales))
 
 
 def jump_sizes(fit: TrendFit) -> list[tuple[int, np.ndarray, np.ndarray, float]]:
