@@ -94,7 +94,7 @@ def _figures(found: Any) -> dict[str, bytes]:
     rms = {drawn[m]: {case: runs.force_rms for case, runs in found.runs[m].items()} for m in drawn}
     truth = {case: (values[:, 0], values[:, 1]) for case, values in found.truth.items()}
     further = [MODELS, SMOOTHER]
-    groups = {"methods of the paper": [drawn[m] for m in drawn if m not in further], "other methods": further}
+    groups = {"published": [drawn[m] for m in drawn if m not in further], "others": further}
     with sheet.style():
         figures = {
             "errors": trending.errors(errors, rms, {drawn[STARRED]: CHOSEN[0]}),

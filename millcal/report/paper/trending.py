@@ -4,6 +4,7 @@ Nothing here knows the study: who calls names the cases and the methods, and bri
 """
 
 from collections.abc import Mapping, Sequence
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -61,7 +62,7 @@ def errors(courses: Courses, rms: Mapping[str, Mapping[str, float]], inflated: M
     looks = looks_of(methods)
     figure, panels = sheet.sheet(sheet.DOUBLE, 36.0 * len(cases) + 17, len(cases), len(methods))
     corner = panels[0, 0]  # lines of no colour of their own, for the legend of all
-    entries = [(corner.plot([], [], color=sheet.MUTED)[0], "mean error over the starts, with its rms at the right")]
+    entries = [(corner.plot([], [], color=sheet.MUTED)[0], "mean error of the starts; at the right the rms of all")]
     if any(np.any(course.deviation > 0) for by_case in courses.values() for course in by_case.values()):
         entries.append((corner.fill_between([], [], [], color=sheet.LEFT), "mean ± 2 sd of the starts"))
     if inflated:
@@ -103,31 +104,30 @@ def coefficients(
     kinds = ((specific, "$k_\\mathrm{t}$ (N/mm²)"), (rise, "$m_\\mathrm{t}$ (1)"))
     figure, panels = sheet.sheet(sheet.DOUBLE, 36.0 * 2 * len(groups) + 19, 2 * len(groups), len(cases))
     entries: dict[str, Any] = {}
-    for kind, (courses, label) in enumerate(kinds):
+    for row, (group, (kind, (courses, label))) in enumerate(product(groups.values(), enumerate(kinds))):
         true = [truth[case][kind] for case in cases]
-        limits = _limits([courses[m][case] for m in methods for case in cases], true)
-        for number, group in enumerate(groups.values()):
-            row = 2 * number + kind
-            for column, case in enumerate(cases):
-                panel = panels[row, column]
-                step = np.arange(1, len(true[column]) + 1)
-                for place, method in enumerate(group):
-                    course, look = courses[method][case], looks[method]
-                    tube = panel.fill_between(step, *course.tube, color=look.tube, alpha=0.55)
-                    first = MARKS // 2 + place * MARKS // len(group)
-                    (line,) = panel.plot(
-                        step, course.mean, color=look.line, linewidth=0.7, zorder=3,
-                        marker=look.marker, markersize=3, markevery=(first, MARKS), markeredgewidth=0,
-                    )  # fmt: skip
-                    entries[method] = (tube, line)
-                (real,) = panel.plot(step, true[column], color=sheet.INK, linewidth=1.0, linestyle="--", zorder=4)
-                entries["truth"] = real
-                _samples(panel, len(step), shown=row + 1 == len(panels))
-                sheet.scale(panel, "y", limits, label=label, most=5)
-                if column:
-                    sheet.quiet(panel, "y")
+        limits = _limits([courses[method][case] for method in group for case in cases], true)
+        for column, case in enumerate(cases):
+            panel = panels[row, column]
+            step = np.arange(1, len(true[column]) + 1)
+            for place, method in enumerate(group):
+                course, look = courses[method][case], looks[method]
+                tube = panel.fill_between(step, *course.tube, color=look.tube, alpha=0.55)
+                first = MARKS // 2 + place * MARKS // len(group)
+                (line,) = panel.plot(
+                    step, course.mean, color=look.line, linewidth=0.7, zorder=3,
+                    marker=look.marker, markersize=3, markevery=(first, MARKS), markeredgewidth=0,
+                )  # fmt: skip
+                entries[method] = (tube, line)
+            (entries["truth"],) = panel.plot(
+                step, true[column], color=sheet.INK, linewidth=1.0, linestyle="--", zorder=4
+            )
+            _samples(panel, len(step), shown=row + 1 == len(panels))
+            sheet.scale(panel, "y", limits, label=label, most=5)
+            if column:
+                sheet.quiet(panel, "y")
     figure.align_ylabels()
-    titles = [f"{case}: {kind}" if first else "" for kind in groups for first in (True, False) for case in cases]
+    titles = [f"{case}, {group}" if first else "" for group in groups for first in (True, False) for case in cases]
     sheet.letters(panels.ravel(), titles)
     order = [*methods, "truth"]
     sheet.legend(figure, [(entries[name], name) for name in order if name in entries], columns=len(order))
