@@ -12,7 +12,7 @@ from millcal.stages.conditioning.steady import Survey, longest, stretches
 
 CONTACT = 0.3  # of the usual strength
 FULL = 0.97  # of the strength of the revolutions that follow: the ramp is over
-NEIGHBOURS = 20  # revolutions with which an end is compared
+NEIGHBOURS = 20  # revolutions at most with which an end is compared
 
 
 def contact_revolutions(survey: Survey, where: str, note: Note, *, whole: bool) -> tuple[int, int]:
@@ -59,11 +59,11 @@ def _ramp(strength: np.ndarray) -> int:
     The last of a ramp is flat: half again as many revolutions as it takes from nine tenths to nearly all are left out
     beside it, and one more because the contact begins within a revolution. Drift over a cut is slower by far.
     """
-    ahead = min(NEIGHBOURS, max(len(strength) // 4, 1))
+    ahead = min(NEIGHBOURS, max(len(strength) // 20, 3))  # so few that a drift of half the force is no ramp
     level = np.array([np.median(strength[i : i + ahead]) for i in range(min(len(strength), len(strength) // 2 + 1))])
     share = strength[: len(level)] / level
     nearly = np.flatnonzero(share >= 0.9)
     full = np.flatnonzero(share >= FULL)
     if not len(nearly) or not len(full):
         return 0
-    return int(full[0]) + int(np.ceil(1.5 * max(full[0] - nearly[0], 0))) + 1
+    return int(full[0]) + int(1.5 * max(full[0] - nearly[0], 0)) + 1

@@ -40,11 +40,10 @@ def encoder_angle(recording: Recording, start: int, stop: int, stated: float, no
     if len(bad):
         note("encoder-unusable", f"the angle is no number at {(start + bad[0]) / recording.sample_rate:g} s: not used")
         return None
-    angle = np.unwrap(raw)
+    angle = np.unwrap(_without_glitches(raw, note))
     if angle[-1] < angle[0]:
         angle = -angle
         note("encoder-sense", "the encoder counts down while the spindle turns: its angle is turned round", "note")
-    angle = _without_glitches(angle, note)
     measured = (angle[-1] - angle[0]) / (TURN * (len(angle) - 1))
     if abs(measured / stated - 1) > FARTHEST:
         note(
@@ -59,16 +58,28 @@ def encoder_angle(recording: Recording, start: int, stop: int, stated: float, no
 
 
 def _without_glitches(angle: np.ndarray, note: Note) -> np.ndarray:
-    """Single samples that lie far off while their neighbours agree, as where a wrap falls into a sample, are put between."""
-    between = np.array(angle)
-    between[1:-1] = (angle[:-2] + angle[2:]) / 2
-    off = np.abs(angle - between)
-    beside = np.maximum(np.roll(off, 1), np.roll(off, -1))  # half as far off as the sample that is wrong
-    wrong = (off > max(0.2, 3 * float(np.median(np.diff(angle))))) & (off > 1.5 * beside)
-    if wrong.any():
-        count = int(wrong.sum())
-        note("encoder-glitches", f"{count} samples of the angle lie far off their neighbours: put between them", "note")
-    return np.where(wrong, between, angle)
+    """Single samples far off while their neighbours agree, as where a wrap falls into a sample, are put between them.
+
+    All of it modulo a turn, so that no such sample costs or adds one.   angle : (sample,) rad, wrapped or not
+    """
+
+    def nearest(turn: np.ndarray) -> np.ndarray:
+        return (turn + np.pi) % TURN - np.pi
+
+    step = float(np.median(nearest(np.diff(angle))))
+    limit = max(0.2, abs(step))
+    off = np.abs(nearest(np.diff(angle)[:-1] - step))
+    across = nearest(angle[2:] - angle[:-2] - 2 * step)
+    wrong = np.flatnonzero((off > limit) & (np.abs(across) < limit / 2)) + 1
+    if len(wrong):
+        note(
+            "encoder-glitches",
+            f"{len(wrong)} samples of the angle lie far off their neighbours: put between them",
+            "note",
+        )
+        angle = np.array(angle)
+        angle[wrong] = angle[wrong - 1] + step + across[wrong - 1] / 2
+    return angle
 
 
 def _straight_through(at: np.ndarray, values: np.ndarray, length: int) -> np.ndarray:
@@ -203,8 +214,8 @@ def refuse_what_is_no_cut(share: float, where: str, note: Note) -> None:
     """A record whose force does not follow the spindle at all holds nothing to follow."""
     if share < 0.05:
         raise RecordingError(
-            f"{where}: {max(share, 0.0):.1%} of the force follows the spindle: this is no cut at the stated speed; check "
-            "spindle_speed_rpm and the map, or give steady_s"
+            f"{where}: {max(share, 0.0):.1%} of the force follows the spindle: this is no cut at the stated speed, or the "
+            "speed varies; check spindle_speed_rpm and the map, give steady_s, or record a pulse per revolution"
         )
     if share < 0.3:
         note(
