@@ -90,7 +90,7 @@ def _float(typing, bits):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath={"contract"})
 def exponential(x: float) -> float:
     """exp(x) to 2e-15, for |x| < 700. Without a branch or a call, so that a loop over it runs on whole vectors."""
     shifted = (
@@ -112,7 +112,7 @@ def exponential(x: float) -> float:
     return p * _float((_bits(shifted) << 52) + 4607182418800017408)  # type: ignore[call-arg]
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath={"contract"})
 def logarithm(x: float) -> float:
     """ln(x) to 2e-15 of 1 or of itself, for normal positive numbers; without a branch or a call."""
     moved = _bits(x) + 2638147582215219  # type: ignore[call-arg]
@@ -132,7 +132,7 @@ def logarithm(x: float) -> float:
     return f * p + exponent * 0.6931471805599453
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath={"contract"})
 def sine_cosine(d: float) -> tuple[float, float]:
     """sin(d), cos(d) to 2e-15 for |d| up to a quarter of a revolution."""
     u = d * d

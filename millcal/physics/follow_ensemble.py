@@ -132,7 +132,7 @@ class Room(NamedTuple):
     axial: np.ndarray
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath={"contract"})
 def _lines(h, U, V, height, cos_x, sin_x):  # type: ignore[no-untyped-def]
     """The chip under one more line of the lower envelope, for every member."""
     for j in range(h.size):
@@ -140,7 +140,7 @@ def _lines(h, U, V, height, cos_x, sin_x):  # type: ignore[no-untyped-def]
         h[j] = line if line < h[j] else h[j]
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath={"contract"})
 def _falling_lines(h, fall, U, V, height, falls, cos_x, sin_x):  # type: ignore[no-untyped-def]
     """The same, with how steeply the chip falls along the edge, -dh/dx."""
     for j in range(h.size):
@@ -150,16 +150,16 @@ def _falling_lines(h, fall, U, V, height, falls, cos_x, sin_x):  # type: ignore[
         h[j] = line if lower else h[j]
 
 
-@njit(cache=True)
-def _logarithms(h, logs, width, reference):  # type: ignore[no-untyped-def]
+@njit(cache=True, fastmath={"contract"})
+def _logarithms(h, logs, width, inverse):  # type: ignore[no-untyped-def]
     """Logarithms of the chips over the reference; the chips become their parts of the integral."""
     for j in range(h.size):
         chip = h[j] if h[j] > SMALLEST_CHIP else SMALLEST_CHIP
-        logs[j] = logarithm(chip / reference)
+        logs[j] = logarithm(chip * inverse)
         h[j] = chip * width if h[j] > 0.0 else 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath={"contract"})
 def _shares(h, fall, width, half, weight, before, reference):  # type: ignore[no-untyped-def]
     """Parts of the integral of the chip, and of the edge's own force: `edge_kernel.contact_share` for every member."""
     extent = 2 * half * weight
@@ -182,7 +182,7 @@ def _straight(h, edge, width, reference):  # type: ignore[no-untyped-def]
         h[j] = h[j] * width if h[j] > 0.0 else 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath={"contract"})
 def _kienzle_pair(total, h, logs, shape, sin_phi, cos_phi):  # type: ignore[no-untyped-def]
     """Adds one direction's force per unit of exp(kappa), times sine and cosine."""
     with_sin, with_cos = total[0], total[1]
@@ -192,13 +192,13 @@ def _kienzle_pair(total, h, logs, shape, sin_phi, cos_phi):  # type: ignore[no-u
         with_cos[j] += g * cos_phi
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath={"contract"})
 def _kienzle_axial(total, h, logs, shape):  # type: ignore[no-untyped-def]
     for j in range(h.size):
         total[j] += h[j] * exponential(-shape[j] * logs[j])
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath={"contract"})
 def _linear_pair(total, h, edge, shape, sin_phi, cos_phi):  # type: ignore[no-untyped-def]
     with_sin, with_cos = total[0], total[1]
     for j in range(h.size):
@@ -207,7 +207,7 @@ def _linear_pair(total, h, edge, shape, sin_phi, cos_phi):  # type: ignore[no-un
         with_cos[j] += g * cos_phi
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath={"contract"})
 def _linear_axial(total, h, edge, shape):  # type: ignore[no-untyped-def]
     for j in range(h.size):
         total[j] += h[j] + shape[j] * (edge[j] - h[j])
@@ -268,7 +268,7 @@ def _forces(rows, angle, feed, depth, entry, leave, direction, edge, room, force
                 else:
                     for k in range(teeth - 1):
                         _lines(room.h, room.U[k], room.V[k], feed * edge.rise[tooth, k] * sin_phi, cos_x, sin_x)
-                    _logarithms(room.h, room.other, width, edge.reference)
+                    _logarithms(room.h, room.other, width, 1 / edge.reference)
                     _kienzle_pair(room.tangential, room.h, room.other, rows[1], sin_phi, cos_phi)
                     _kienzle_pair(room.radial, room.h, room.other, rows[3], sin_phi, cos_phi)
                     if axial:
@@ -289,7 +289,7 @@ def _forces(rows, angle, feed, depth, entry, leave, direction, edge, room, force
     return True
 
 
-@njit(cache=True, fastmath={"reassoc", "nsz"})
+@njit(cache=True, fastmath={"reassoc", "nsz", "contract"})
 def _mean(values, count):  # type: ignore[no-untyped-def]
     total = 0.0
     for j in range(count):
@@ -297,7 +297,7 @@ def _mean(values, count):  # type: ignore[no-untyped-def]
     return total / count
 
 
-@njit(cache=True, fastmath={"reassoc", "nsz"})
+@njit(cache=True, fastmath={"reassoc", "nsz", "contract"})
 def _mean_product(a, b, count):  # type: ignore[no-untyped-def]
     """The order of a sum is no part of the method: it may be that of the vectors."""
     total = 0.0

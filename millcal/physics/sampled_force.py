@@ -17,6 +17,9 @@ import numpy as np
 from millcal.physics.cutter import Cutter
 from millcal.physics.cutting_force import Kienzle
 
+SPREAD = 50_000  # samples that quantiles of chips are taken from, of more
+GOLDEN = (5**0.5 - 1) / 2
+
 
 class Passage(NamedTuple):
     """How the tool meets the work at each sample; a number stands for all of them.
@@ -116,8 +119,15 @@ class ChipRange(NamedTuple):
 def chip_quantiles(
     passage: Passage, cutter: Cutter, runout: tuple[float, float] = (0.0, 0.0), *, nodes: int = 8
 ) -> ChipRange:
-    """Chips met over the samples.   runout : c0, s0, m   raises ValueError where nothing is cut"""
-    _, chip, width = _chips(passage, cutter, runout, nodes, 16 * np.size(passage.angle))
+    """Chips met over the samples; of many, over some spread so that no revolution of the tool repeats in them.
+
+    runout : c0, s0, m   raises ValueError where nothing is cut
+    """
+    met = columns(passage)
+    if len(met.angle) > SPREAD:
+        some = np.sort((np.arange(SPREAD) * GOLDEN % 1.0 * len(met.angle)).astype(int))
+        met = Passage(*(field[some] for field in met))
+    _, chip, width = _chips(met, cutter, runout, nodes, 16 * len(met.angle))
     if not len(chip):
         raise ValueError("no tooth cuts at any of these samples")
     order = np.argsort(chip)

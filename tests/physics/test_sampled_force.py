@@ -196,6 +196,8 @@ def test_chips_met_are_those_of_the_sine():
     assert found.high == pytest.approx(feed * np.sin(0.95 * np.pi / 2), rel=1e-3)
     chip = feed * np.sin((np.arange(5000) + 0.5) * np.pi / 5000)
     assert found.reference == pytest.approx(np.exp(np.average(np.log(chip), weights=chip**0.75)), rel=1e-3)
+    many = chip_quantiles(Passage(2 * np.pi / 40.01 * np.arange(400_000), feed, 3e-3, 0.0, np.pi, 0.0), cutter)
+    assert many == pytest.approx(found, rel=0.02)  # nearly the same 40 angles again and again
     with pytest.raises(ValueError, match="no tooth cuts"):
         chip_quantiles(Passage(angle, feed, 0.0, 0.0, np.pi, 0.0), cutter)
 
