@@ -15,6 +15,7 @@ import numpy as np
 
 Linearised = tuple[np.ndarray, np.ndarray]  # predicted (observation,), slopes (observation, state)
 Observe = Callable[[np.ndarray], Linearised]
+LeftOut = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 class Model(NamedTuple):
@@ -70,11 +71,14 @@ def step(
     observe: Observe,
     noise: np.ndarray,
     common: bool = True,
+    left_out: LeftOut | None = None,
 ) -> tuple[Mixture, MixtureInfo]:
     """One observation.
 
     observation : (observation,)   chances : as `switching`   noise : covariance, (observation, observation)
     common : linearise once, at the common predicted mean; else for each model at its own
+    left_out : slopes (observation, state), common spread (state, state) -> variance of what linearising leaves out,
+        (observation,), which is added to the noise
     """
     prior, mixed = mix(state, chances)
     means = np.stack([model.transition @ x for model, x in zip(models, mixed.mean, strict=True)])
@@ -86,6 +90,8 @@ def step(
     )
     centre, spread = combine(Mixture(means, covariances, prior))
     predicted, slopes = observe(centre)
+    if left_out is not None:
+        noise = noise + np.diag(left_out(slopes, spread))
     log_weight = np.log(prior)
     for j in range(len(models)):
         y, H = (predicted + slopes @ (means[j] - centre), slopes) if common else observe(means[j])

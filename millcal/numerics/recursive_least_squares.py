@@ -24,6 +24,7 @@ import numpy as np
 
 Linearised = tuple[np.ndarray, np.ndarray]  # predicted (observation,), slopes (observation, state)
 Observe = Callable[[np.ndarray], Linearised]
+LeftOut = Callable[[np.ndarray, np.ndarray], np.ndarray]
 Disc = tuple[int, float]  # the first of two neighbouring states, and the radius of the disc about 0 that holds both
 Project = Callable[[np.ndarray, np.ndarray, np.ndarray, Sequence[Disc]], np.ndarray]
 
@@ -52,6 +53,7 @@ def step(
     noise: np.ndarray,
     forgetting: float = 1.0,
     ceiling: np.ndarray | None = None,
+    left_out: LeftOut | None = None,
     limits: np.ndarray | None = None,
     discs: Sequence[Disc] = (),
     projection: str | Project = "nearest",
@@ -60,6 +62,8 @@ def step(
 
     observation : (observation,)   noise : its covariance, (observation, observation)   forgetting : rho, within 0..1
     ceiling : variances that forgetting does not go beyond, (state,); rows and columns of P are scaled down to them
+    left_out : slopes (observation, state), P / rho (state, state) -> variance of what linearising leaves out,
+        (observation,), which is added to the noise
     limits : lowest and highest of every state, (state, 2), infinite where there are none; None: no box and no disc
     projection : of `PROJECTIONS`, or a function
     """
@@ -69,6 +73,8 @@ def step(
         scale = np.sqrt(np.where(variance > ceiling, ceiling / np.where(variance > 0, variance, 1.0), 1.0))
         P = P * np.outer(scale, scale)
     predicted, H = observe(x)
+    if left_out is not None:
+        noise = noise + np.diag(left_out(H, P))
     innovation = observation - predicted
     S = H @ P @ H.T + noise
     G = np.linalg.solve(S, H @ P).T

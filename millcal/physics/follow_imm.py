@@ -2,7 +2,8 @@
 
 Every model has the states [kappa_t, s_t, kappa_r, s_r, (kappa_a, s_a,) c0, s0 | change of each kappa per sample] and moves the
 kappas its own way; shapes and runout rest. At each sample that is used the force and its slopes are taken once, at the mean of all
-models. Time goes on with the samples that are used: what cuts nothing wears nothing.
+models. What linearising leaves
+out is noise (`followed.left_out`). Time goes on with the samples that are used: what cuts nothing wears nothing.
 
 Where the amplifier's low-pass stands between force and record, the filter runs over the linearised force, F - J x and every column
 of J, at all samples: a filter is linear, so its output is linear in the same x,
@@ -29,7 +30,7 @@ from millcal.numerics.interacting_models import switching
 from millcal.physics import edge_kernel
 from millcal.physics.cutter import Cutter
 from millcal.physics.edge_kernel import add_force, edge_of
-from millcal.physics.followed import Followed
+from millcal.physics.followed import LEFT_OUT, Followed
 from millcal.physics.sampled_force import Passage, columns, directions_of
 
 
@@ -120,7 +121,7 @@ def follow_imm(
     return out._replace(log_likelihood=total)
 
 
-def _compiled(stamp: tuple[int, ...]) -> Callable[..., float]:
+def _compiled(stamp: tuple[float, ...]) -> Callable[..., float]:
     """The loop, with the stamps of what it calls in the key under which it is kept."""
 
     @njit(cache=True)
@@ -137,7 +138,7 @@ def _compiled(stamp: tuple[int, ...]) -> Callable[..., float]:
             x[j], C[j] = start, spread
         moved_x, moved_C, prior = np.empty((models, n)), np.empty((models, n, n)), np.empty(models)
         centre, scratch, log_likelihood = start.copy(), np.empty(n), np.empty(models)
-        force, slopes = np.zeros(axes), np.zeros((axes, P))
+        force, slopes, left_out = np.zeros(axes), np.zeros((axes, P)), np.zeros(axes)
         intercept, columns = np.zeros(axes), np.zeros((axes, P))
         memory = np.zeros((axes, P + 1, order))
         total = 0.0
@@ -167,18 +168,28 @@ def _compiled(stamp: tuple[int, ...]) -> Callable[..., float]:
                 log_likelihood[:] = 0.0
                 for i in range(axes):
                     innovation = measured[k, i] - intercept[i]
-                    value = innovation
+                    value, size = innovation, 0.0
                     for p in range(P):
                         innovation -= columns[i, p] * (centre[p] - start[p])
                         value += columns[i, p] * start[p]
-                    foretold = foretold_variance(moved_x, moved_C, prior, centre, columns[i], variance[i])
+                    for d in range(level.size):
+                        size += abs(columns[i, level[d]])
+                    doubt = foretold_variance(moved_x, moved_C, prior, centre, columns[i], 0.0)
+                    alone = 0.0
+                    for p in range(P):
+                        spread_p = 0.0
+                        for j in range(models):
+                            spread_p += prior[j] * (moved_C[j, p, p] + (moved_x[j, p] - centre[p]) ** 2)
+                        alone += columns[i, p] ** 2 * spread_p
+                    left_out[i] = LEFT_OUT * alone * (alone / max(size * size, 1e-6 * alone)) if alone > 0.0 else 0.0
+                    foretold = doubt + left_out[i] + variance[i]
                     sums[i] += innovation / math.sqrt(foretold)
                     squares[i] += innovation * innovation / foretold
                     intercept[i] = value
                 for i in range(axes):
                     for j in range(models):
                         log_likelihood[j] += take_in(
-                            moved_x[j], moved_C[j], intercept[i], columns[i], variance[i], scratch
+                            moved_x[j], moved_C[j], intercept[i], columns[i], variance[i] + left_out[i], scratch
                         )
                 total += weigh(prior, log_likelihood, probability)
                 count += 1
@@ -202,4 +213,4 @@ def _compiled(stamp: tuple[int, ...]) -> Callable[..., float]:
     return loop
 
 
-_loop = _compiled((edge_kernel.STAMP, difference_kernel.STAMP, interacting_kernel.STAMP))
+_loop = _compiled((edge_kernel.STAMP, difference_kernel.STAMP, interacting_kernel.STAMP, LEFT_OUT))

@@ -1,8 +1,9 @@
 """Coefficients followed by recursive least squares, compiled: `numerics.recursive_least_squares` fused with the force law.
 
 At each sample that is used the force of `sampled_force` is linearised at the estimate before it, and older samples count
-less by the forgetting; between used samples nothing is forgotten. No variance grows beyond the one at the start, so that a
-parameter that the cut does not excite, such as the runout of a cutter with one tooth, stays as it was.
+less by the forgetting; between used samples nothing is forgotten. What linearising leaves out is noise
+(`followed.left_out`). No variance grows beyond the one at the start, so that a parameter that the cut does not excite, such
+as the runout of a cutter with one tooth, stays as it was.
 
 Where the amplifier's low-pass stands between force and record, it runs over the linearised force as in `follow_imm`.
 
@@ -22,7 +23,7 @@ from millcal.numerics.recursive_least_squares import PROJECTIONS, Disc
 from millcal.physics import edge_kernel
 from millcal.physics.cutter import Cutter
 from millcal.physics.edge_kernel import add_force, edge_of
-from millcal.physics.followed import Followed
+from millcal.physics.followed import LEFT_OUT, Followed
 from millcal.physics.sampled_force import Passage, columns, directions_of
 
 
@@ -141,7 +142,7 @@ def _project(x, covariance, box, first, radius, follow):  # type: ignore[no-unty
         x[first + 1] *= shrink
 
 
-def _compiled(stamp: tuple[int, ...]) -> Callable[..., None]:
+def _compiled(stamp: tuple[float, ...]) -> Callable[..., None]:
     """The loop, with the stamps of what it calls in the key under which it is kept."""
 
     @njit(cache=True)
@@ -153,7 +154,7 @@ def _compiled(stamp: tuple[int, ...]) -> Callable[..., None]:
         stamp  # noqa: B018
         n, axes, order = start.size, variance.size, b.size - 1
         x, P, column, scale = start.copy(), spread.copy(), np.empty(n), np.empty(n)
-        force, slopes = np.zeros(axes), np.zeros((axes, n))
+        force, slopes, left_out = np.zeros(axes), np.zeros((axes, n)), np.zeros(axes)
         intercept, columns = np.zeros(axes), np.zeros((axes, n))
         memory = np.zeros((axes, n + 1, order))
         for step in range(edges.size - 1):
@@ -182,17 +183,22 @@ def _compiled(stamp: tuple[int, ...]) -> Callable[..., None]:
                     for q in range(n):
                         P[p, q] *= scale[p] * scale[q] / forgetting
                 for i in range(axes):
-                    innovation, foretold = measured[k, i] - intercept[i], variance[i]
+                    innovation, doubt, alone, size = measured[k, i] - intercept[i], 0.0, 0.0, 0.0
                     for p in range(n):
                         innovation -= columns[i, p] * (x[p] - start[p])
                         row = 0.0
                         for q in range(n):
                             row += P[p, q] * columns[i, q]
-                        foretold += columns[i, p] * row
+                        doubt += columns[i, p] * row
+                        alone += columns[i, p] ** 2 * P[p, p]
+                    for p in range(0, n - 2, 2):
+                        size += abs(columns[i, p])
+                    left_out[i] = LEFT_OUT * alone * (alone / max(size * size, 1e-6 * alone)) if alone > 0.0 else 0.0
+                    foretold = doubt + left_out[i] + variance[i]
                     sums[i] += innovation / math.sqrt(foretold)
                     squares[i] += innovation * innovation / foretold
                 for i in range(axes):
-                    innovation, foretold = measured[k, i] - intercept[i], variance[i]
+                    innovation, foretold = measured[k, i] - intercept[i], variance[i] + left_out[i]
                     for p in range(n):
                         innovation -= columns[i, p] * (x[p] - start[p])
                         column[p] = 0.0
@@ -219,4 +225,4 @@ def _compiled(stamp: tuple[int, ...]) -> Callable[..., None]:
     return loop
 
 
-_loop = _compiled((edge_kernel.STAMP, difference_kernel.STAMP))
+_loop = _compiled((edge_kernel.STAMP, difference_kernel.STAMP, LEFT_OUT))

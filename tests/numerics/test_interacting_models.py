@@ -141,3 +141,26 @@ def test_the_intervals_of_a_true_mixture_cover():
         _, infos = run(H, np.array(y), [still, walk], stay=0.98)
         errors += [(i.mean[0] - t[0]) / np.sqrt(i.covariance[0, 0]) for i, t in zip(infos, truth, strict=True)][::10]
     assert np.mean(np.square(errors)) == pytest.approx(1.0, abs=0.25)
+
+
+def test_what_linearising_leaves_out_is_noise():
+    """exp, with a start far off and hardly any noise: trusting its slopes ends in a certain error, not trusting them does not."""
+    H = np.random.default_rng(0).standard_normal((40, 2, 3))
+    H[:, :, 2] = 0.0
+    truth = np.array([2.0, -0.5, 0.0])
+    errors = {}
+    for name, left_out in {"slopes": None, "noise": lambda slopes, P: (slopes**2 @ np.diag(P)) ** 2}.items():
+        state = imm.start(np.zeros(3), np.diag([1.0, 1.0, 1e-8]), 2)
+        for row in H:
+            state, info = imm.step(
+                state,
+                np.exp(row @ truth),
+                models=[REST, imm.Model(np.eye(3), np.zeros((3, 3)))],
+                chances=imm.switching(2, 0.99),
+                observe=lambda x, row=row: (np.exp(row @ x), np.exp(row @ x)[:, np.newaxis] * row),
+                noise=1e-6 * np.eye(2),
+                left_out=left_out,
+            )
+        errors[name] = np.abs(info.mean - truth)[:2] / np.sqrt(np.diag(info.covariance))[:2]
+    assert errors["noise"].max() < 4
+    assert errors["slopes"].max() > 30

@@ -147,3 +147,13 @@ def test_what_is_never_seen_is_not_forgotten_beyond_its_ceiling():
     assert held.covariance[2, 2] == pytest.approx(P0[2, 2])
     assert held.mean == pytest.approx(free.mean)
     assert held.covariance[:2, :2] == pytest.approx(free.covariance[:2, :2])
+
+
+def test_what_linearising_leaves_out_is_noise():
+    H, y = record(20)
+    plain, _ = run(H, y)
+    louder, _ = run(H, y, left_out=lambda slopes, P: np.zeros(2))
+    assert np.array_equal(plain.mean, louder.mean)
+    _, infos = run(H[:1], y[:1], left_out=lambda slopes, P: np.array([1.0, (slopes[1] ** 2 @ np.diag(P)) ** 2]))
+    extra = infos[0].innovation_covariance - run(H[:1], y[:1])[1][0].innovation_covariance
+    assert extra == pytest.approx(np.diag([1.0, (H[0, 1] ** 2 @ np.diag(P0)) ** 2]))

@@ -10,6 +10,7 @@ from millcal.numerics import interacting_models as imm
 from millcal.numerics.interacting_kernel import transitions
 from millcal.physics.cutter import Cutter
 from millcal.physics.follow_imm import JUMP, TRENDS, Motion, follow_imm, motions_of
+from millcal.physics.followed import left_out
 from millcal.physics.sampled_force import Passage, sampled_force
 
 CUTTER = Cutter(diameter=10e-3, teeth=2, helix=np.pi / 4)
@@ -88,6 +89,7 @@ def plain(mean, covariance, met, measured, used, edges, models, *, law, axes, no
                 chances=imm.switching(len(models), stay),
                 observe=observe,
                 noise=np.diag(noise**2),
+                left_out=lambda slopes, spread: left_out(slopes, spread, len(mean) // 2 - 1),
             )
             centre = info.mean
             total += info.log_likelihood
@@ -261,3 +263,31 @@ def test_models_of_no_kind_are_matrices_of_rest():
     assert not rest.noise.any()
     assert trend.transition[0, 6] == trend.transition[2, 7] == 1.0
     assert trend.noise[0, 0] == pytest.approx(0.1**2 + 0.2**2 / 3)
+
+
+@pytest.mark.parametrize("noise", [5.0, 0.5])
+@pytest.mark.parametrize("off", [-1, 1])
+def test_a_start_far_off_is_left_behind_even_where_the_sensor_is_quiet(noise, off):
+    """All parameters one standard deviation off, runout too, of which the force is no smooth function."""
+    met = Passage(2 * np.pi / 234 * np.arange(2340), 1e-4, 2e-3, 1.98, np.pi, 0.2)
+    theta = np.array([21.7, 0.2, 20.9, 0.5, 6e-6, -4e-6])
+    force, _ = sampled_force(theta, met, CUTTER, law="kienzle", reference_chip=H0, axes=("x", "y"), nodes=12)
+    used = np.abs(force).max(axis=1) > 20.0
+    deviation = np.array([0.5, 0.15, 0.6, 0.15, 1e-5, 1e-5])
+    got = follow_imm(
+        theta + off * deviation * [1, 1, 1, -1, 1, -1],
+        np.diag(deviation**2),
+        met,
+        force + noise * np.random.default_rng(1).standard_normal(force.shape),
+        used,
+        np.array([0, 1170, 2340]),
+        CUTTER,
+        law="kienzle",
+        reference_chip=H0,
+        axes=("x", "y"),
+        noise=np.full(2, noise),
+    )
+    error = (got.mean[-1] - theta) / np.sqrt(np.diag(got.covariance[-1]))
+    assert np.abs(error).max() < 4
+    assert got.innovation_square[-1] == pytest.approx(np.ones(2), abs=0.2)
+    assert got.probability[-1].argmax() == 0

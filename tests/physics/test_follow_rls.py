@@ -9,6 +9,7 @@ from scipy.signal import butter, lfilter
 from millcal.numerics import recursive_least_squares as rls
 from millcal.physics.cutter import Cutter
 from millcal.physics.follow_rls import follow_rls
+from millcal.physics.followed import left_out
 from millcal.physics.sampled_force import Passage, sampled_force
 
 CUTTER = Cutter(diameter=10e-3, teeth=2, helix=np.pi / 4)
@@ -68,6 +69,7 @@ def plain(mean, covariance, met, measured, used, edges, *, law, axes, noise, low
                 measured[k],
                 observe=observe,
                 noise=np.diag(noise**2),
+                left_out=lambda slopes, spread: left_out(slopes, spread, len(mean) // 2 - 1),
                 ceiling=np.diag(covariance),
                 discs=() if disc is None else [disc],
                 **options,
