@@ -82,7 +82,7 @@ def smooth_cut(
         if len(record.cuts) == 1
         else None
     )
-    per_pass = _samples_per_pass(record, used) if turns is None else count / max(turns * record.cutter.teeth, 1.0)
+    per_pass = samples_per_pass(record, used) if turns is None else count / max(turns * record.cutter.teeth, 1.0)
     block = max(1, round(per_pass / 4))
     if count > LONG:
         block = max(round(per_pass), -(-count // MOST_BLOCKS))
@@ -94,7 +94,7 @@ def smooth_cut(
     return SmoothedCut(trajectory, used, float(np.mean(_residual(stiff) ** 2)), _residual(trajectory.fit))
 
 
-def _samples_per_pass(record: CutRecord, used: np.ndarray) -> float:
+def samples_per_pass(record: CutRecord, used: np.ndarray) -> float:
     turns = sum(
         float(np.ptp(record.passage.angle[used & (record.cut == number)])) / (2 * np.pi)
         for number in range(len(record.cuts))

@@ -1,0 +1,127 @@
+"""What the user must be told of a history: does the law hold, what cannot be known, and what would mend it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from millcal.data import Check, Notice
+from millcal.stages.coefficients.trends.problem import DIRECTIONS, CutRecord, Noise
+from millcal.units import to_shop
+
+WARN, REFUSE = 1.10, 1.15  # chi2 of the stiff model: white noise stays below, ignored runout or a low-pass does not
+SMALL_RESIDUAL = 0.1  # of the rms of the force: below, a law that is not exact is still of use
+SHAPE_SD, COEFFICIENT_SD = 0.05, 0.10  # above, level and shape are not told apart
+UNSEEN = 0.7  # of the prior's sd: the record has said next to nothing
+AT_BOUND = 0.05
+RESTLESS = (0.5, 1.5)  # mean square of normalised innovations that a consistent filter stays within
+
+
+def check_noise(chi2: float, noise: Noise, residual_share: np.ndarray, hints: Sequence[str]) -> Check:
+    """Residuals against the noise.   residual_share : rms of the residual over that of the force, (axis,)"""
+    name = "residuals"
+    source = {"air": "the air cut", "idle": "the samples between teeth", "residual": "the residuals themselves"}[
+        noise.source
+    ]
+    if noise.source == "residual":
+        worst = float(np.max(residual_share))
+        message = f"no air cut to tell the noise: the residual is {worst:.1%} of the force, taken for noise"
+        return Check(name, worst < SMALL_RESIDUAL, message)
+    said = f"residuals are {np.sqrt(chi2):.3g} times the noise of {source} (chi2 {chi2:.3g})"
+    if chi2 <= REFUSE:
+        doubt = "" if chi2 <= WARN else ": a little more than noise; look at the innovations"
+        return Check(name, True, said + doubt)
+    hint = "; ".join(hints) or "look for chatter, a resonance of the dynamometer, a wrong engagement or another law"
+    return Check(name, False, f"{said} and {np.max(residual_share):.1%} of the force: {hint}")
+
+
+def check_separable(record: CutRecord, shape_sd: np.ndarray, relative_sd: np.ndarray) -> Check:
+    """Level against shape, at the best known step.   shape_sd, relative_sd : (direction,), of s and of k or K_c"""
+    first, second = ("k", "m") if record.law == "kienzle" else ("Kc", "Ke")
+    weak = [
+        DIRECTIONS[d] for d in range(record.directions) if shape_sd[d] > SHAPE_SD or relative_sd[d] > COEFFICIENT_SD
+    ]
+    chips = f"{1e6 * record.chips.low:.0f} to {1e6 * record.chips.high:.0f} um"
+    if not weak:
+        return Check("separable", True, f"{first} and {second} are told apart; chips of {chips}")
+    remedy = (
+        "cut with a second feed of half or less, more immersion up to a_e/D = 0.5, a smaller axial depth, or longer"
+    )
+    return Check(
+        "separable",
+        False,
+        f"{first} and {second} are not separable here in {', '.join(weak)} (sd of the shape "
+        f"{', '.join(f'{value:.2g}' for value in shape_sd)}): the force is known for chips of {chips} only; {remedy}",
+    )
+
+
+def check_followed(square: np.ndarray, count: np.ndarray) -> Check:
+    """Innovations of a filter against what it foretold.   square, count : (step, axis), (step,)"""
+    total = np.maximum(count.sum(), 1)
+    mean = np.nansum(square * count[:, np.newaxis], axis=0) / total
+    late = square[len(square) // 2 :]
+    settled = np.nansum(late * count[len(square) // 2 :, np.newaxis], axis=0) / np.maximum(
+        count[len(square) // 2 :].sum(), 1
+    )
+    said = f"mean square of the normalised innovations {', '.join(f'{value:.2f}' for value in mean)}, 1 is right"
+    if np.max(settled) > RESTLESS[1]:
+        return Check(
+            "innovations", False, said + ": the filter is surer than it should be, it has collapsed or lags behind"
+        )
+    if np.max(settled) < RESTLESS[0]:
+        return Check("innovations", False, said + ": the noise is taken too large")
+    return Check("innovations", True, said)
+
+
+def bound_notices(at_bound: np.ndarray, names: Sequence[str]) -> list[Notice]:
+    """Parameters that lie at a bound for long.   at_bound : (step, parameter)"""
+    late = at_bound[len(at_bound) // 2 :].mean(axis=0)
+    told = [f"{name} ({share:.0%})" for name, share in zip(names, late, strict=True) if share > AT_BOUND]
+    if not told:
+        return []
+    message = (
+        f"at a bound in the second half of the record: {', '.join(told)}; widen coefficients.bounds, or doubt the law"
+    )
+    return [Notice("at-bound", message, "coefficients.bounds")]
+
+
+def runout_notices(record: CutRecord, sd: np.ndarray, prior_sd: np.ndarray) -> list[Notice]:
+    """Components of the runout that the record does not see.   sd, prior_sd : (2,) m"""
+    unseen = [
+        name
+        for name, own, before in zip(("c0", "s0"), sd, prior_sd, strict=True)
+        if before > 0 and own > UNSEEN * before
+    ]
+    if not unseen:
+        return []
+    before = to_shop(float(np.max(prior_sd)), "x_um")
+    message = (
+        f"runout {' and '.join(unseen)} cannot be seen: with {record.cutter.teeth} teeth and this helix it hardly changes the "
+        f"force, and no more is known of it than beforehand, {before:.0f} um; trust the force, not the runout"
+    )
+    return [Notice("runout-unseen", message, "cuts", "note")]
+
+
+def one_feed_notice(record: CutRecord) -> list[Notice]:
+    """One feed in all cuts: level and shape come from the shape of the chip alone."""
+    feeds = record.passage.feed_per_tooth
+    if np.ptp(feeds) > 0.1 * feeds.max():
+        return []
+    message = (
+        "all at one feed: exponent and edge force rest on the chip's course within the engagement; a second feed tells "
+        "them better"
+    )
+    return [Notice("single-feed", message, "cuts", "note")]
+
+
+def conclude(checks: Sequence[Check], residual_share: np.ndarray) -> str:
+    """The verdict."""
+    failed = {check.name: check for check in checks if not check.passed}
+    if "residuals" in failed:
+        reason = failed["residuals"].message
+        if np.max(residual_share) < SMALL_RESIDUAL:
+            return f"fits in part: {reason}"
+        return f"does not fit: {reason}"
+    for name in ("innovations", "separable"):
+        if name in failed:
+            return f"fits in part: {failed[name].message}"
+    return "fits"
