@@ -122,7 +122,16 @@ def stacked(
 
 
 def file_bytes(figure: Figure, format: str) -> bytes:
-    """The figure as a file of one of FORMATS."""
+    """The figure as a file of one of FORMATS.
+
+    The panels are laid out once and their places rounded: the solver of the layout adds in an order that changes with
+    the memory, and names within a file are made of all digits.
+    """
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    for axes in figure.axes:
+        left, bottom, width, height = (round(value, 6) for value in axes.get_position(original=True).bounds)
+        axes.set_position((left, bottom, width, height))
     buffer = BytesIO()
     figure.savefig(buffer, format=format, metadata=_METADATA[format])
     return buffer.getvalue()

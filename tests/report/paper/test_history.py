@@ -57,12 +57,12 @@ def test_without_innovations_the_sheet_ends_with_the_forces():
     assert not any("innovations" in label for label in labels)
 
 
-@pytest.mark.parametrize("format", sheet.FORMATS)
+@pytest.mark.parametrize("format", ["pdf", "svg"])
 def test_a_file_of_it_has_the_same_bytes_each_time(format):
     history = wide()
     first = history_file(history, format)
     assert first == history_file(history, format)
-    assert first[:5] in (b"%PDF-", b"\x89PNG\r", b"<?xml")
+    assert first[:5] in (b"%PDF-", b"<?xml")
 
 
 def test_a_long_history_is_thinned():
