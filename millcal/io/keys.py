@@ -122,6 +122,17 @@ class ConditionsTable(Table):
     air_s: Spans | None = Field(
         None, description="[from, to] of an air cut before or after, or a list of them, s; found when absent"
     )
+    engagement: str | None = Field(
+        None, description="engagement table (CSV) along the tool's path, in place of axial_depth_mm and radial_depth_mm"
+    )
+    path_start_s: float | None = Field(
+        None, description="when that path begins, s; not needed with a channel of displacement whose dof is path"
+    )
+    spindle_phase_deg: float | None = Field(
+        None,
+        description="angle of tooth 0 where the pulse rises or the encoder is zero, else at the first sample, degrees; "
+        "estimated when absent",
+    )
 
     _CONDITIONS: ClassVar = ("spindle_speed_rpm", "axial_depth_mm", "direction")
 
@@ -171,7 +182,13 @@ class ConditionsTable(Table):
         return CuttingConditions(v["spindle_speed"], feed, v["axial_depth"], radial, v["direction"])
 
 
-_CONDITION_KEYS = frozenset(ConditionsTable.model_fields) - {"steady_s", "air_s"}
+_CONDITION_KEYS = frozenset(ConditionsTable.model_fields) - {
+    "steady_s",
+    "air_s",
+    "engagement",
+    "path_start_s",
+    "spindle_phase_deg",
+}
 
 
 def keys_of(cutter: Cutter | None, conditions: CuttingConditions | None) -> dict[str, Any]:

@@ -260,6 +260,8 @@ class SimulateTable(Table):
             raise ValueError("nothing to simulate; add [[simulate.cuts]] or [[simulate.impacts]]")
         if twice:
             raise ValueError(f"two recordings are named {twice[0]}; rename one")
+        if self.conditions.engagement is not None:
+            raise ValueError("an engagement table for simulated cuts, whose engagement is constant; leave it out")
         if self.cuts and self.law is None:
             raise ValueError("cuts without a law; add [simulate.law] with its coefficients")
         for key, law, other in (

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from millcal.data import Modes
+from millcal.io.engagement import completed, read_engagement
 from millcal.io.keys import (
     ChannelTable,
     ConditionsTable,
@@ -32,6 +33,7 @@ from millcal.io.recipe_tables import (
 from millcal.io.toml_documents import Document, read_toml, validated
 from millcal.io.toml_places import Loc
 from millcal.physics.cutter import Cutter, CuttingConditions
+from millcal.physics.tool_path import ToolPath
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,9 @@ class Setup:
     conditions: CuttingConditions | None = None
     steady: tuple[float, float] | None = None  # s
     air: tuple[tuple[float, float], ...] | None = None  # s
+    engagement: ToolPath | None = None
+    path_start: float | None = None  # s
+    spindle_phase: float | None = None  # rad
     modes: Modes | None = None  # of the structure at the tool tip, given by hand
     document: Document | None = field(default=None, repr=False)
 
@@ -66,6 +71,10 @@ class CutEntry:
     conditions: CuttingConditions | None  # None: as the recording says
     steady: tuple[float, float] | None = None  # s
     air: tuple[tuple[float, float], ...] | None = None  # s
+    table: Path | None = None  # engagement table, a file that the recipe reads
+    engagement: ToolPath | None = None  # what it holds; None: no table, or its file is absent
+    path_start: float | None = None  # s
+    spindle_phase: float | None = None  # rad
 
 
 @dataclass(frozen=True)
@@ -131,7 +140,8 @@ class Recipe:
         """Every file the recipe reads, each once, in the recipe's order."""
         impact = self.impact.recordings if self.impact else ()
         sensor = (self.sensor,) if self.sensor else self.sensor_test.recordings if self.sensor_test else ()
-        return tuple(dict.fromkeys([*(cut.recording for cut in self.cuts), *impact, *sensor]))
+        tables = [cut.table for cut in self.cuts if cut.table]
+        return tuple(dict.fromkeys([*(cut.recording for cut in self.cuts), *impact, *sensor, *tables]))
 
     def where(self, key: str) -> str:
         """`recipe.toml:9: stability.rpm`, for errors."""
@@ -185,8 +195,12 @@ def read_setup(path: Path, *, feed_per_tooth_mm: float | None = None) -> Setup:
         feed = {"feed_per_tooth_mm": feed_per_tooth_mm, "feed_mm_per_min": None}
         tables = tables.model_copy(update={"conditions": tables.conditions.model_copy(update=feed)})
     cutter = tables.cutter.cutter() if tables.cutter else None
-    conditions = _conditions(document, ("conditions",), tables.conditions, cutter)
-    given = tables.conditions.arguments()
+    keys, engagement = tables.conditions, None
+    if keys.engagement is not None:
+        engagement = read_engagement(_path(document, ("conditions", "engagement"), keys.engagement))
+        keys = completed(keys, engagement, cutter)
+    conditions = _conditions(document, ("conditions",), keys, cutter)
+    given = keys.arguments()
     return _setup(
         tables,
         document,
@@ -195,6 +209,9 @@ def read_setup(path: Path, *, feed_per_tooth_mm: float | None = None) -> Setup:
         conditions=conditions,
         steady=given["steady"],
         air=given["air"],
+        engagement=engagement,
+        path_start=given["path_start"],
+        spindle_phase=given["spindle_phase"],
         modes=_modes(tables.structure),
     )
 
@@ -232,12 +249,24 @@ def _cut(document: Document, number: int, tables: RecipeTables, cutter: Cutter |
     entry = tables.cuts[number]
     loc = ("cuts", number)
     keys = entry.over(tables.conditions)
+    table = engagement = None
+    if keys.engagement is not None:
+        place = (*loc, "engagement") if entry.engagement is not None else ("conditions", "engagement")
+        table = _path(document, place, keys.engagement)
+        if table.is_file():
+            engagement = read_engagement(table)
+            keys = completed(keys, engagement, cutter)
     given = keys.arguments()
+    untold = table is not None and engagement is None  # absent, as the recordings may be: nothing to check against
     return CutEntry(
         recording=_path(document, (*loc, "recording"), entry.recording),
-        conditions=_conditions(document, loc, keys, cutter),
+        conditions=None if untold else _conditions(document, loc, keys, cutter),
         steady=given["steady"],
         air=given["air"],
+        table=table,
+        engagement=engagement,
+        path_start=given["path_start"],
+        spindle_phase=given["spindle_phase"],
     )
 
 

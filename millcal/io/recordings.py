@@ -16,6 +16,7 @@ from pydantic import ValidationError
 from millcal.data import Channel, Notice, Recording, SamplesOnDisk
 from millcal.errors import RecordingError
 from millcal.io.channels import Selection, choose_channels
+from millcal.io.engagement import completed, read_engagement
 from millcal.io.formats import hdf5, hdf5_other, text, uff
 from millcal.io.formats.foreign import refuse_foreign
 from millcal.io.formats.recording_writer import write_recording
@@ -25,7 +26,6 @@ from millcal.io.gaps import bridged
 from millcal.io.keys import ConditionsTable, CutterTable
 from millcal.io.recipes import Setup
 from millcal.io.samples import IN_MEMORY, Chained, Scratch, in_memory_if_small
-from millcal.physics.cutter import Cutter, CuttingConditions
 
 __all__ = [
     "FORMATS",
@@ -41,6 +41,7 @@ FEWEST = 8  # samples of a recording
 LARGEST = 1e15  # a larger value is no measurement, and its square would overflow
 HEAD = 4096  # bytes by which a format is recognised
 KINDS = ("cut", "impact", "air")
+_OF_CUT = ("steady", "air", "path_start", "spindle_phase")  # of a recording, beside cutter and conditions
 
 
 class Format(NamedTuple):
@@ -113,7 +114,7 @@ def read_recording(
         raise RecordingError(f"{path}: only {source.rows} samples; a recording needs at least {FEWEST}")
     samples, rate, start, notices = _samples(source, chosen, stated, progress or silent)
     notices += _constant_channels(path, samples, chosen.channels, source.trusted)
-    cutter, conditions, steady, air = _cut_of(source, setup, notices)
+    of_cut = _cut_of(source, setup, notices)
     return Recording(
         samples=samples,
         sample_rate=rate,
@@ -122,10 +123,7 @@ def read_recording(
         name=str(path),
         segments=source.segments,
         start_time=start,
-        cutter=cutter,
-        conditions=conditions,
-        steady=steady,
-        air=air,
+        **of_cut,
         notices=(*source.notices, *chosen.notices, *notices),
     )
 
@@ -320,10 +318,8 @@ def _kind(path: Path, kind: Any) -> Any:
     return kind
 
 
-def _cut_of(
-    source: Source, setup: Setup, notices: list[Notice]
-) -> tuple[Cutter | None, CuttingConditions | None, tuple[float, float] | None, tuple[tuple[float, float], ...] | None]:
-    """Cutter and conditions from the file's own keys; what the setup says wins."""
+def _cut_of(source: Source, setup: Setup, notices: list[Notice]) -> dict[str, Any]:
+    """Cutter, conditions and what else a recording says of its cut, from the file's own keys; what the setup says wins."""
     attributes = source.attributes
     of_cutter = {key: attributes[key] for key in CutterTable.model_fields if key in attributes}
     of_cut = {key: attributes[key] for key in ConditionsTable.model_fields if key in attributes}
@@ -338,7 +334,10 @@ def _cut_of(
         raise RecordingError(
             f"{source.path}: attribute {key} is {error.get('input')!r}; {error['msg'].lower()}: correct the attribute"
         ) from None
-    conditions = setup.conditions
+    conditions, engagement = setup.conditions, setup.engagement
+    if engagement is None and keys.engagement is not None:
+        engagement = read_engagement(source.path.parent / keys.engagement)
+        keys = completed(keys, engagement, cutter)
     if conditions is None and keys.has_conditions():
         trouble = keys.trouble(cutter)
         if trouble is None:
@@ -347,4 +346,5 @@ def _cut_of(
             message = f"the file's cutting conditions are not taken: {trouble[0]} {trouble[1]}"
             notices.append(Notice("conditions-incomplete", message, str(source.path)))
     given = keys.arguments()
-    return cutter, conditions, setup.steady or given["steady"], setup.air or given["air"]
+    own = {key: given[key] if getattr(setup, key) is None else getattr(setup, key) for key in _OF_CUT}
+    return {"cutter": cutter, "conditions": conditions, "engagement": engagement, **own}

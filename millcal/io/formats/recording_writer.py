@@ -1,5 +1,6 @@
 """Writing the recording file of the contract: block by block, the same bytes for the same recording, whole or not at all."""
 
+import os
 from pathlib import Path
 
 import h5py
@@ -9,6 +10,7 @@ from millcal.data import Recording
 from millcal.io.formats.hdf5 import FORMAT, VERSION
 from millcal.io.keys import keys_of
 from millcal.io.replacing import replaced_atomically
+from millcal.units import to_shop
 
 CHUNK = 65536  # samples
 _BLOCK = 8 * CHUNK  # samples at a time; whole chunks, so that none is compressed twice
@@ -34,6 +36,12 @@ def write_recording(path: Path, recording: Recording, *, counts: bool = False) -
             file.attrs["steady_s"] = np.asarray(recording.steady, dtype=float)
         if recording.air is not None:
             file.attrs["air_s"] = np.asarray(recording.air, dtype=float).reshape(-1, 2)
+        if recording.path_start is not None:
+            file.attrs["path_start_s"] = float(recording.path_start)
+        if recording.spindle_phase is not None:
+            file.attrs["spindle_phase_deg"] = float(to_shop(recording.spindle_phase, "_deg"))
+        if recording.engagement is not None and recording.engagement.name:
+            file.attrs["engagement"] = os.path.relpath(recording.engagement.name, Path(path).parent)
         if recording.segments is not None:
             segments = np.asarray(recording.segments, dtype=np.int64)
             file.create_dataset("segments", data=segments, track_times=False)
