@@ -21,7 +21,7 @@ MAY_IMPORT = {
     "simulation": {"simulation", "data", "physics", "numerics", "errors"},
     "io": {"io", "data", "physics", "errors"},
     "report": {"report", "data", "errors"},
-    "studies": {"stages", "data", "physics", "numerics", "errors"},
+    "studies": {"studies", "stages", "data", "physics", "numerics", "errors"},
     "pipeline": {"stages", "io", "report", "data", "errors"},
     "batch": {"pipeline", "stages", "io", "report", "data", "errors"},
     "__main__": {"cli"},

@@ -1,0 +1,87 @@
+"""`millcal study` as a shell sees it."""
+
+import json
+
+import pytest
+
+import millcal.cli.study
+from millcal.cli import main
+from millcal.cli.study import FILES
+from millcal.report.paper import sheet
+from millcal.studies import trending_coefficients
+
+
+@pytest.fixture
+def shell(capsys, monkeypatch):
+    """shell("study", ...) -> (exit code, stdout, stderr); the smallest study there is"""
+    monkeypatch.setattr(trending_coefficients, "QUICK", trending_coefficients.Extent(2, 2, 1))
+    monkeypatch.setitem(sheet._STYLE, "savefig.dpi", 60)  # faster
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as end:
+            main([str(argument) for argument in arguments])
+        streams = capsys.readouterr()
+        return end.value.code, streams.out, streams.err
+
+    return call
+
+
+def test_a_study_leaves_tables_and_figures_and_says_the_same_twice(shell, tmp_path):
+    first, second = tmp_path / "first", tmp_path / "second"
+    code, out, err = shell("study", "trending-coefficients", "--quick", "--out", first, "--seed", 5)
+    assert (code, err) == (0, "")
+    assert {path.name for path in first.iterdir()} == set(FILES)
+    assert "EnKF* 50, 10" in out
+    assert (first / "table.txt").read_text() in out
+    assert out.splitlines()[-1].startswith(str(first))
+
+    code, out, _ = shell("study", "trending-coefficients", "--quick", "--out", second, "--seed", 5, "--json")
+    said = json.loads(out)
+    assert code == 0
+    assert said["command"] == "study"
+    assert said["result"]["quick"] is True
+    assert said["result"]["table"][0]["cases"]["alternating"]["paper_N"] == 50.7
+    kept = json.loads((second / "summary.json").read_text())
+    assert kept.pop("provenance")["seed"] == 5
+    assert kept.items() <= said["result"].items()
+    for file in FILES:
+        assert (first / file).read_bytes() == (second / file).read_bytes(), file
+
+
+def test_an_old_study_is_replaced_and_what_is_foreign_is_not(shell, tmp_path, monkeypatch):
+    found = trending_coefficients.run(trending_coefficients.Extent(1, 1, 1))
+    monkeypatch.setattr(trending_coefficients, "run", lambda *_, **__: found)
+    monkeypatch.setattr(millcal.cli.study, "_figures", lambda found: {})
+    out = tmp_path / "study"
+    out.mkdir()
+    (out / "table.csv").write_text("old")
+    (out / "notes.txt").write_text("mine")
+    code, _, err = shell("study", "trending-coefficients", "--quick", "--out", out)
+    assert code == 3
+    assert "holds notes.txt" in err
+    assert err.count("\n") == 1
+    (out / "notes.txt").unlink()
+    assert shell("study", "trending-coefficients", "--quick", "--out", out)[0] == 0
+    assert (out / "table.csv").read_text() != "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["study"]
+
+
+def test_a_file_in_place_of_the_folder_and_an_unknown_study_are_one_line(shell, tmp_path):
+    place = tmp_path / "file"
+    place.write_text("")
+    code, _, err = shell("study", "trending-coefficients", "--out", place)
+    assert (code, err.count("\n")) == (3, 1)
+    code, _, err = shell("study", "wear", "--out", tmp_path / "out")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "trending-coefficients" in err
+
+
+def test_an_interrupted_study_leaves_nothing_behind(shell, tmp_path, monkeypatch):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(trending_coefficients, "run", interrupt)
+    code, _, err = shell("study", "trending-coefficients", "--quick", "--out", tmp_path / "out")
+    assert code == 130
+    assert "interrupted" in err
+    assert list(tmp_path.iterdir()) == []
