@@ -27,13 +27,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from millcal.numerics.state_space import Filtered, Observed, Smoothed, filter_states, shock_evidence, smooth_states
+from millcal.numerics.state_space import (
+    Filtered,
+    Observed,
+    Smoothed,
+    filter_states,
+    motion_penalty,
+    shock_evidence,
+    smooth_states,
+)
 from millcal.numerics.trend_models import TrendModel
 
 CONVERGED = 1e-3  # of the largest change of a parameter
 PASSES = 20  # of Gauss-Newton at most
-WORSE = 1.2  # a step may raise the misfit this far
-HALVINGS = 3
+STALLED = 1e-4  # of the sum of squares and penalty, a gain not worth a pass
+HALVINGS = 8
 SLOW = 0.03  # scale of a trend that cannot swallow a jump
 MOST_JUMPS = 8
 LEAST_WEIGHT = 1e-6  # of a scale, to be counted in the average
@@ -158,7 +166,7 @@ def fit_at(
     *,
     start: np.ndarray | None = None,
 ) -> TrendFit:
-    """Gauss-Newton at given scales, until no parameter moves by more than a thousandth.
+    """Gauss-Newton at given scales, until no parameter moves by more than a thousandth; every pass lowers what is minimised.
 
     start : (block, state), where to begin
     """
@@ -166,23 +174,28 @@ def fit_at(
     x = np.broadcast_to(model.dynamics.start, (blocks, len(model.dynamics.start))) if start is None else start
     intensity = np.asarray(scales)[model.scale_of]
     seen, misfit = linearised(problem, model, x)
+    _put(seen, model, jumps)
+    cost = misfit + motion_penalty(model.dynamics, intensity, seen, x)
     for left in range(PASSES, -1, -1):
-        _put(seen, model, jumps)
         filtered = filter_states(model.dynamics, intensity, seen)
         smoothed = smooth_states(model.dynamics, intensity, seen, filtered, covariance=False)
         change = np.abs(model.parameters(smoothed.mean) - model.parameters(x)).max(axis=0)
-        if change.max() < CONVERGED or not left:
+        converged = bool(change.max() < CONVERGED)
+        if converged or not left:
             break
         share = min(1.0, float(np.min(model.limits / np.maximum(change, 1e-12))))
-        step, allowed = smoothed.mean - x, WORSE * misfit
-        for _halving in range(HALVINGS + 1):
-            new = x + share * step
-            seen, misfit = linearised(problem, model, new)
-            if misfit <= allowed:
+        for _halving in range(HALVINGS):
+            new = x + share * (smoothed.mean - x)
+            there, misfit = linearised(problem, model, new)
+            _put(there, model, jumps)
+            lower = misfit + motion_penalty(model.dynamics, intensity, there, new)
+            if lower < cost:
                 break
             share /= 2
-        x = new
-    converged = bool(change.max() < CONVERGED)
+        if not lower < cost - STALLED:
+            converged = bool(lower < cost + STALLED)
+            break
+        x, seen, cost = new, there, lower
     return TrendFit(
         model, problem, np.asarray(scales), tuple(jumps), smoothed.mean, seen, filtered, smoothed, converged
     )

@@ -91,6 +91,38 @@ def smooth_states(
     return Smoothed(mean, V, score, r, N)
 
 
+def motion_penalty(dynamics: Dynamics, intensity: np.ndarray, seen: Observed, state: np.ndarray) -> float:
+    """-2 log-density of a trajectory before anything is seen, less its constant: what the smoother adds to the squares.
+
+    state : (step, state), which moves only as noises and their shocks may move it
+    """
+    dt, q2 = seen.interval, np.asarray(intensity, float) ** 2
+    w = np.diff(state, axis=0, prepend=dynamics.start[np.newaxis])
+    before = np.concatenate([dynamics.start[np.newaxis], state[:-1]])
+    levels, speeds = dynamics.speeds.T
+    w[:, levels] -= dt[:, np.newaxis] * before[:, speeds]
+    transition = np.eye(state.shape[1])
+    transition[levels, speeds] = dt[0]
+    first = transition @ dynamics.start_covariance @ transition.T + np.diag(seen.shock[0])
+    total = 0.0
+    for j, (i, level) in enumerate(zip(dynamics.noisy, _level_of(dynamics), strict=True)):
+        speed = q2[j] * dt
+        if level < 0:
+            first[i, i] += speed[0]
+            total += float(np.sum(w[1:, i] ** 2 / (speed + seen.shock[:, i])[1:]))
+            continue
+        size, both = speed * dt**2 / 3 + seen.shock[:, level], speed * dt / 2
+        first[np.ix_([level, i], [level, i])] += np.array(
+            [[size[0] - seen.shock[0, level], both[0]], [both[0], speed[0]]]
+        )
+        squares = speed * w[:, level] ** 2 - 2 * both * w[:, level] * w[:, i] + size * w[:, i] ** 2
+        total += float(np.sum(squares[1:] / (size * speed - both**2)[1:]))
+    unit = np.sqrt(np.diag(first))
+    unit[unit == 0.0] = 1.0
+    e = w[0] / unit
+    return total + float(e @ np.linalg.pinv(first / np.outer(unit, unit), hermitian=True) @ e)
+
+
 def shock_evidence(smoothed: Smoothed, variance: np.ndarray) -> np.ndarray:
     """Log Bayes factor of a shock N(0, D) before each step, alone, against none.
 

@@ -11,6 +11,7 @@ from millcal.numerics.state_space import (
     Observed,
     Smoothed,
     filter_states,
+    motion_penalty,
     shock_evidence,
     smooth_states,
 )
@@ -156,7 +157,7 @@ def test_observations_of_a_step_may_be_turned():
     )
     assert filtered_too.log_likelihood == pytest.approx(filtered.log_likelihood, abs=1e-9)
     assert smoothed_too.mean == pytest.approx(smoothed.mean, abs=1e-9)
-    assert pytest.approx(smoothed.N, abs=1e-9) == smoothed_too.N
+    assert np.allclose(smoothed_too.N, smoothed.N, rtol=1e-9, atol=1e-9)
 
 
 def test_a_step_in_between_without_an_observation_changes_nothing():
@@ -176,3 +177,33 @@ def test_a_step_in_between_without_an_observation_changes_nothing():
     assert filtered_too.log_likelihood == pytest.approx(filtered.log_likelihood, abs=1e-9)
     assert np.delete(smoothed_too.covariance, at, axis=0) == pytest.approx(smoothed.covariance, abs=1e-9)
     assert smoothed_too.score == pytest.approx(smoothed.score, abs=1e-9)
+
+
+def test_the_penalty_of_a_motion_is_its_density_before_anything_is_seen():
+    """Against the same density by its joint covariance; a known state moves nowhere."""
+    dynamics, intensity, seen = example()
+    nothing = seen._replace(matrix=np.zeros_like(seen.matrix), value=np.zeros_like(seen.value))
+    prior = dense(dynamics, intensity, nothing)
+    trajectory = passes(dynamics, intensity, seen)[1].mean
+    away = (trajectory - prior.mean).ravel()
+    X = prior.covariance.reshape(STEPS * STATES, STEPS * STATES)
+    moving = np.linalg.lstsq(X, away, rcond=1e-12)[0]
+    assert X @ moving == pytest.approx(away, abs=1e-7)
+    assert motion_penalty(dynamics, intensity, seen, trajectory) == pytest.approx(away @ moving, rel=1e-6)
+
+
+def test_no_trajectory_costs_less_than_the_smoothed_one():
+    dynamics, intensity, seen = example()
+    best = passes(dynamics, intensity, seen)[1].mean
+
+    def cost(state):
+        residual = seen.value - np.einsum("kon,kn->ko", seen.matrix, state)
+        return np.sum(residual**2) + motion_penalty(dynamics, intensity, seen, state)
+
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        value = seen.value + rng.normal(size=seen.value.shape)
+        value[5], value[11, 1] = 0.0, 0.0
+        other = passes(dynamics, intensity, seen._replace(value=value))[1].mean  # moves as it may
+        assert cost(best + 0.01 * (other - best)) > cost(best)
+        assert cost(best - 0.01 * (other - best)) > cost(best)
