@@ -31,7 +31,7 @@ from millcal.physics.edge_kernel import (
     sine_cosine,
 )
 from millcal.physics.followed import Followed
-from millcal.physics.sampled_force import Passage, columns, directions_of
+from millcal.physics.sampled_force import Passage, columns, directions_of, fixed
 
 LANES = 8  # members are filled up to a multiple of this, so that no loop ends in single steps
 
@@ -91,11 +91,11 @@ def follow_ensemble(
         rows,
         J,
         *columns(passage),
-        np.ascontiguousarray(measured, float),
-        np.ascontiguousarray(used, bool),
-        np.ascontiguousarray(edges, np.int64),
+        fixed(measured),
+        fixed(used, bool),
+        fixed(edges, np.int64),
         edge_of(cutter, law, reference_chip, axes, nodes),
-        np.ascontiguousarray(noise, float),
+        np.array(noise, float),
         semidefinite_root(noise),
         bounds,
         limits is not None,
@@ -104,7 +104,7 @@ def follow_ensemble(
         every,
         subset,
         math.sqrt(fraction) * semidefinite_root(deviation.T @ deviation / J),
-        np.zeros(P) if walk is None else np.asarray(walk, float),
+        np.zeros(P) if walk is None else np.array(walk, float),
         walk is not None,
         np.pad(b / a[0], (0, length - len(b))),
         np.pad(a / a[0], (0, length - len(a))),

@@ -37,10 +37,17 @@ class Passage(NamedTuple):
     feed_direction: np.ndarray  # (sample,), rad, from +x towards +y
 
 
+def fixed(values: np.ndarray, kind: type = float) -> np.ndarray:
+    """A contiguous read-only view: numba compiles once more for arrays that it may write to, so all are given alike."""
+    view: np.ndarray = np.ascontiguousarray(values, kind).view()
+    view.flags.writeable = False
+    return view
+
+
 def columns(passage: Passage) -> Passage:
-    """The fields as contiguous arrays of one length, ready for a kernel."""
+    """The fields as arrays of one length, ready for a kernel."""
     length = np.size(passage.angle)
-    return Passage(*(np.ascontiguousarray(np.broadcast_to(np.asarray(field, float), (length,))) for field in passage))
+    return Passage(*(fixed(np.broadcast_to(np.asarray(field, float), (length,))) for field in passage))
 
 
 def directions_of(parameters: int, axes: tuple[str, ...]) -> int:
@@ -72,7 +79,7 @@ def sampled_force(
     """
     from millcal.physics.edge_kernel import edge_of, force_of_samples
 
-    values = np.ascontiguousarray(np.atleast_2d(np.asarray(parameters, float)))
+    values = fixed(np.atleast_2d(np.asarray(parameters, float)))
     directions_of(values.shape[1], axes)
     met = columns(passage)
     if np.ndim(parameters) == 2 and len(values) != len(met.angle):

@@ -227,3 +227,22 @@ def test_compiled_exponential_and_logarithm_are_those_of_the_library():
     assert np.array([logarithm(v) for v in y]) == pytest.approx(np.log(y), rel=4e-15, abs=4e-15)
     d = np.linspace(-np.pi / 2, np.pi / 2, 2001)
     assert np.array([sine_cosine(v) for v in d]) == pytest.approx(np.stack([np.sin(d), np.cos(d)], 1), abs=4e-15)
+
+
+def test_numbers_arrays_and_read_only_arrays_meet_one_compiled_kernel():
+    """Each kind of its own would be seconds of compiling more."""
+    from millcal.physics.edge_kernel import force_of_samples
+
+    angle = np.linspace(0, 3, 7)
+    depth = np.full(7, 2e-3)
+    depth.flags.writeable = False
+    options = {"law": "kienzle", "reference_chip": H0}
+    forces, kernels = [], []
+    for met in (
+        Passage(angle, 1e-4, 2e-3, 1.0, 3.0, 0.0),
+        Passage(angle, np.full(7, 1e-4), depth, 1.0, np.full(7, 3.0), 0.0),
+    ):
+        forces.append(sampled_force(parameters("kienzle", CUTTERS[1]), met, CUTTERS[1], **options)[0])
+        kernels.append(len(force_of_samples.signatures))
+    assert np.array_equal(*forces)
+    assert kernels[0] == kernels[1]
