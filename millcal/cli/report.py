@@ -29,7 +29,7 @@ def report(
     """Make report.html of a result folder again from its records, without computing anything.
 
     With --figures also a file for each figure of a paper: stability map, frequency response, modes, force over one revolution,
-    mean force against feed, coefficients; as wide as one or two columns of a journal, 8 pt type, the fonts within.
+    mean force against feed, coefficients or their history; as wide as one or two columns of a journal, 8 pt type, the fonts within.
 
     Example: millcal report build/slot-demo --figures build/figures
     """

@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from histories import worn
 
 from millcal.cli import main
 from millcal.data import Frf, Modes
@@ -164,3 +165,10 @@ def test_without_figures_matplotlib_is_not_imported(folder):
     script += "print('matplotlib' in sys.modules)"
     ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert ended.stdout.splitlines()[-1] == "False"
+
+
+def test_a_history_in_the_place_of_coefficients_makes_its_page_and_its_figure(folder):
+    write_result(folder / "coefficients.h5", worn(), provenance=PROVENANCE)
+    assert run(folder, "--figures", folder / "figures", "--format", "svg") == 0
+    assert 'id="specific-force"' in (folder / "report.html").read_text(encoding="utf-8")
+    assert [path.name for path in (folder / "figures").iterdir()] == ["history.svg"]

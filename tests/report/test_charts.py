@@ -115,3 +115,19 @@ def test_a_second_ordinate_stands_at_the_right_in_the_places_of_the_first():
     heights = {text.text: float(text.get("y")) for text in tree.iter("text")}
     assert heights["one"] - heights["ten"] == 100
     assert "right, N" in heights
+
+
+def test_a_name_beside_the_end_of_a_line_stands_behind_a_piece_of_that_line():
+    lines = [Line(X, X, "shade0", "tipX"), Line(X, 2 * X, "thin shade1", "tipY")]
+    panel = Panel("y", lines, 90.0, (0.0, 2.0))
+    svg = chart([panel], x_label="x", x_range=(0.0, 1.0), label="two lines with their names", frame=Frame(right=80.0))
+    for kind, name in (("shade0", "tipX"), ("thin shade1", "tipY")):
+        assert re.search(rf'<path class="line {kind}" d="[^"]*"/><text class="series {kind}"[^>]*>{name}<', svg)
+
+
+def test_names_of_spans_stand_above_tags():
+    items = [Span(0.0, 1.0, "clear", "first cut"), Tags([0.5], ["1"])]
+    panel = Panel("y", items, 90.0, (0.0, 1.0))
+    svg = chart([panel], x_label="x", x_range=(0.0, 1.0), label="a span with a name and a tag in it")
+    texts = {text.text: text for text in ElementTree.fromstring(svg).iter("text") if text.get("class") != "tick"}
+    assert float(texts["first cut"].get("y")) < float(texts["1"].get("y")) - 9
