@@ -14,7 +14,7 @@ from millcal.studies import trending_coefficients
 @pytest.fixture
 def shell(capsys, monkeypatch):
     """shell("study", ...) -> (exit code, stdout, stderr); the smallest study there is"""
-    monkeypatch.setattr(trending_coefficients, "QUICK", trending_coefficients.Extent(2, 2, 1))
+    monkeypatch.setattr(trending_coefficients, "QUICK", trending_coefficients.Extent(2, 1, 1))
     monkeypatch.setitem(sheet._STYLE, "savefig.dpi", 60)  # faster
 
     def call(*arguments):
