@@ -16,6 +16,7 @@ from main_job import main_job
 from stability import stability
 from start import start
 from text_reader import text_reader
+from trends import trends
 
 SECTIONS = {
     "Text reader": text_reader,
@@ -23,6 +24,7 @@ SECTIONS = {
     "Force and coefficients": force,
     "Impact tests": impact,
     "Stability map": stability,
+    "Trends": trends,
     "Main job": main_job,
 }
 
