@@ -37,7 +37,7 @@ def summarise_history(history: CoefficientHistory) -> dict[str, Any]:
         "noise_from": history.noise_from,
         "chi2": known(history.chi2),
         "model": history.model or None,
-        "duration_s": known(history.time[-1]) if len(history.time) else None,
+        "duration_s": known(history.time[-1] - history.time[0]) if len(history.time) else None,
         "steps": len(history.time),
         "reference_chip_um": shop(history.reference_chip, um),
         "chip_range_um": [shop(end, um) for end in history.chip_range],

@@ -1,5 +1,7 @@
 """The sections of coefficients that change while cutting, and their numbers at the head of the page."""
 
+from math import isfinite
+
 from millcal.data import CoefficientHistory
 from millcal.report import blocks, history_figures, history_tables
 from millcal.report.digits import nominal, plus_minus, significant
@@ -18,10 +20,11 @@ def sections(history: CoefficientHistory | None) -> list[dict | None]:
     """The coefficients over time, then the force and what was not foreseen; nothing without a history."""
     if history is None:
         return []
-    unit, word = time_unit(float(history.time[-1] - history.time[0]))
+    duration = float(history.time[-1] - history.time[0])
+    unit, word = time_unit(duration)
     cuts = f"{len(history.cuts)} cut{'s' if len(history.cuts) > 1 else ''}"
     method = METHODS.get(history.method, history.method)
-    told = f"{law_in_words(history.law)}, {method}; {cuts}, {significant(float(history.time[-1]) / unit)} {word}."
+    told = f"{law_in_words(history.law)}, {method}; {cuts}, {significant(duration / unit)} {word}."
     innovations = history_figures.innovations(history)
     present = {"specific-force", "coefficient-history", "coefficients", "force"}
     present |= {"innovations"} if innovations is not None else set()
@@ -65,6 +68,8 @@ def key_numbers(history: CoefficientHistory) -> list[dict]:
     factor, unit = history_tables.rate_unit(history)
     chip = nominal(round(history.reference_chip * 1e6, 1))
     for i, direction in enumerate(history.directions):
+        if not isfinite(history.slope_per_minute[i]):
+            continue
         slope = (float(v[i]) * factor for v in (history.slope_per_minute, history.slope_low, history.slope_high))
         name, word = f"{SIDES[direction].capitalize()} change", f"of the force on a chip of {chip} µm"
         numbers.append({"name": name, "value": plus_minus(*slope), "unit": unit, "word": word})

@@ -8,10 +8,9 @@ from millcal.data import CoefficientHistory
 from millcal.report.digits import UNKNOWN, fixed, nominal, plus_minus, significant, with_interval
 from millcal.report.history_figures import cut_spans
 from millcal.report.tables import Table
-from millcal.report.wording import SIDES, cut_names, parameter, time_unit
+from millcal.report.wording import SIDES, cut_names, parameter, spelt, time_unit
 
 _NORMAL = 1.96  # quantile of 95 %
-MOST_SD = {"k": 0.10, "m": 0.05, "Kc": 0.10, "Ke": 0.30}  # of ln k, m, ln Kc, ln Ke; above, a coefficient is not told
 _RUNOUT = {
     "c0": "runout: how far tooth 0 stands out at the bottom",
     "s0": "runout: across c0, at the bottom",
@@ -39,7 +38,7 @@ def at_the_end(history: CoefficientHistory) -> Table:
         between = f"{lowest} to {highest}" if np.isfinite([low, high]).any() else UNKNOWN
         rows.append([name, centre, between, significant(sd, 2), known.unit, meaning])
     headings = ("", "value", "95 % interval", "sd", "unit", "what it is")
-    unit, word = time_unit(float(history.time[-1]))
+    unit, word = time_unit(float(history.time[-1] - history.time[0]))
     title = f"The coefficients at the end, {significant(float(history.time[-1]) / unit)} {word}"
     return Table(title, headings, rows, words=(0, 4, 5))
 
@@ -59,9 +58,18 @@ def change(history: CoefficientHistory) -> Table:
     chip = nominal(round(history.reference_chip * 1e6, 1))
     headings = ["direction", "start, N/mm²", "end, N/mm²", f"change, {rate}", ""]
     note = f"Of the force per area on a chip {chip} µm thick; ± and brackets are 95 %. The change is that of a straight line."
+    shown = [0, 1, 2, 3, 4]
     if history.method != "smooth":  # a filter starts with its prior, which is no finding
-        headings, rows = [h for h in headings if h != "start, N/mm²"], [[row[0], *row[2:]] for row in rows]
-    return Table("Change over time", headings, rows, words=(0, len(headings) - 1), note=note)
+        shown.remove(1)
+    words, title = (0, len(shown) - 1), "Change over time"
+    if not np.isfinite(history.slope_per_minute).any():
+        shown, words, title, note = (
+            [c for c in shown if c < 3],
+            (0,),
+            "Specific force",
+            note.partition(" The change")[0],
+        )
+    return Table(title, [headings[c] for c in shown], [[row[c] for c in shown] for row in rows], words=words, note=note)
 
 
 def jumps(history: CoefficientHistory) -> Table | None:
@@ -109,36 +117,39 @@ def told_apart(history: CoefficientHistory) -> Table | None:
     rows = []
     for i, direction in enumerate(history.directions):
         force = _relative_sd(*(float(v[-1, i]) for v in (history.specific_low, history.specific_high)))
-        row, sure = [SIDES[direction], _in_percent(force)], []
+        row = [SIDES[direction], _in_percent(force)]
         for j, name in enumerate(history.names):
-            if direction not in name[1:2]:
+            if direction != name[1:2]:
                 continue
-            kind = name[0] + name[2:]
             low, high = float(history.low[-1, j]), float(history.high[-1, j])
-            sd = (high - low) / (2 * _NORMAL) if kind == "m" else _relative_sd(low, high)
-            row.append(significant(sd, 2) if kind == "m" else _in_percent(sd))
-            sure.append(None if np.isnan(sd) else sd <= MOST_SD[kind])
-        row.append(UNKNOWN if None in sure else "yes" if all(sure) else "no")
+            is_exponent = name[0] == "m"
+            row.append(
+                significant((high - low) / (2 * _NORMAL), 2) if is_exponent else _in_percent(_relative_sd(low, high))
+            )
         rows.append(row)
     if all(cell == UNKNOWN for row in rows for cell in row[1:]):
         return None
-    first, second = ("k, %", "m") if history.law == "kienzle" else ("K_c, %", "K_e, %")
-    first, second = first.replace("_", ""), second.replace("_", "")
+    first, second = ("k, %", "m") if history.law == "kienzle" else ("Kc, %", "Ke, %")
     low, high = (nominal(round(end * 1e6, 1)) for end in history.chip_range)
     chip = nominal(round(history.reference_chip * 1e6, 1))
+    said = "".join(f" {_sentence(check.message)}" for check in history.checks if check.name == "separable")
     note = (
         f"Standard deviations at the end. The chips of these cuts are {low} to {high} µm thick (5 % and 95 %): there the force is "
-        "known, beyond it the law is an extrapolation. What is not told apart takes cuts at two feeds, one half of the other."
+        f"known, beyond it the law is an extrapolation.{said}"
     )
-    headings = ("direction", f"force at {chip} µm, %", first, second, "told apart")
-    return Table("What the record can tell", headings, rows, words=(0, 4), note=note)
+    headings = ("direction", f"force at {chip} µm, %", first, second)
+    return Table("What the record can tell", headings, rows, note=note)
+
+
+def _sentence(message: str) -> str:
+    return spelt(message if message[-1:] in ".!?" else f"{message}.")
 
 
 def _relative_sd(low: float, high: float) -> float:
-    """Standard deviation of the logarithm behind a 95 % band; infinite where the band holds zero."""
+    """Standard deviation of the logarithm behind a 95 % band of either sign; infinite where the band holds zero."""
     if not (np.isfinite(low) and np.isfinite(high)):
         return np.nan
-    return log(high / low) / (2 * _NORMAL) if low > 0 else np.inf
+    return abs(log(high / low)) / (2 * _NORMAL) if low * high > 0 else np.inf
 
 
 def _in_percent(sd: float) -> str:

@@ -173,19 +173,32 @@ def test_without_the_number_of_samples_no_range_is_claimed():
     assert history_figures.innovations(silent) is None
 
 
-def test_what_is_not_told_apart_is_said_so():
-    assert [row[-1] for row in history_tables.told_apart(worn()).rows] == ["yes", "yes"]
-    assert [row[-1] for row in history_tables.told_apart(wide()).rows] == ["no", "no"]
-    assert [row[-1] for row in history_tables.told_apart(two_cuts()).rows] == ["yes"] * 3
+def test_what_the_record_can_tell_is_the_spread_behind_its_bands_and_the_check_on_them():
+    table = history_tables.told_apart(worn())
+    assert float(table.rows[0][1]) == pytest.approx(0.6, abs=0.005)
+    assert float(table.rows[0][3]) == pytest.approx(0.013, abs=0.003)
+    assert "k and m are told apart" in table.note
+    assert (
+        "not separable here; the force is valid for chips of 21 to 98 µm only."
+        in history_tables.told_apart(wide()).note
+    )
     assert history_tables.told_apart(unknown()) is None
+
+
+def test_an_axial_force_that_pulls_is_known_as_well_as_one_that_pushes():
+    history = two_cuts()
+    turned = replace(
+        history, specific_force=-history.specific_force, specific_low=-history.specific_high,
+        specific_high=-history.specific_low, value=-history.value, low=-history.high, high=-history.low,
+    )  # fmt: skip
+    assert history_tables.told_apart(turned).rows == history_tables.told_apart(history).rows
 
 
 def test_an_edge_share_whose_band_holds_zero_is_not_told():
     history = two_cuts()
     low = history.low.copy()
     low[-1, 3] = -1e3
-    row = history_tables.told_apart(replace(history, low=low)).rows[0]
-    assert row[3:] == ["not told from zero", "no"]
+    assert history_tables.told_apart(replace(history, low=low)).rows[0][3] == "not told from zero"
 
 
 def test_a_change_that_holds_zero_neither_rises_nor_falls():
@@ -195,6 +208,14 @@ def test_a_change_that_holds_zero_neither_rises_nor_falls():
         worn(), slope_per_minute=np.array([-0.1, -0.2]), slope_low=np.array([-0.2, -0.3]), slope_high=-np.ones(2) / 99
     )
     assert [row[-1] for row in history_tables.change(falls).rows] == ["falls"] * 2
+
+
+def test_a_filter_that_gives_no_slope_says_nothing_of_a_change():
+    table = history_tables.change(unknown())
+    assert table.title == "Specific force"
+    assert list(table.headings) == ["direction", "end, N/mm²"]
+    html = seen(render({"coefficients": unknown()}, {}, {}))
+    assert "change" not in html
 
 
 def test_only_a_smoother_knows_the_start():
