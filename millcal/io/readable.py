@@ -216,24 +216,22 @@ def _history_text(history: CoefficientHistory) -> str:
     duration = "" if s["duration_s"] is None else f", {_cell(s['duration_s'])} s"
     rows = [(name, c["value"], *c["ci95"], c["unit"]) for name, c in s["coefficients"].items()]
     course, last = s["history"]["specific_force_N_per_mm2"], s["specific_force_end_N_per_mm2"]
-    change = [
-        (
-            direction,
-            course[direction][0] if course[direction] else None,
-            last[direction]["value"] if last else None,
-            _interval(last[direction]["ci95"] if last else None),
-            s["slope_percent_per_min"][direction]["value"],
-            _interval(s["slope_percent_per_min"][direction]["ci95"]),
-        )
-        for direction in history.directions
-    ]
+    change = {
+        # a filter starts with its prior, which is no finding
+        "start": [course[d][0] if course[d] and s["method"] == "smooth" else None for d in history.directions],
+        "end": [last[d]["value"] if last else None for d in history.directions],
+        "95 %": [_interval(last[d]["ci95"] if last else None) for d in history.directions],
+        "%/min": [s["slope_percent_per_min"][d]["value"] for d in history.directions],
+        "by 95 %": [_interval(s["slope_percent_per_min"][d]["ci95"]) for d in history.directions],
+    }
+    told = {name: values for name, values in change.items() if set(values) - {None, "-"}}
     lines = [
         f"{s['law']} law by {s['method']} from {n} cut{'s' if n > 1 else ''}{duration}; at the end:",
         table(("", "value", "95 % from", "to", "unit"), rows),
         "",
         f"specific force on a chip of {_cell(s['reference_chip_um'])} um, N/mm^2 (the chips are "
         f"{_interval(s['chip_range_um'])} um):",
-        table(("", "start", "end", "95 %", "%/min", "95 %"), change),
+        table(("", *told), list(zip(history.directions, *told.values(), strict=True))),
     ]
     for jump in s["jumps"]:
         by = ", ".join(
