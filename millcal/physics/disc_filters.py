@@ -69,64 +69,75 @@ def _plain(tables: ShapeTables, force: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 @njit(cache=True, fastmath=_SUMS_IN_ANY_ORDER)
 def _perturbed(coefficients, force, sigma, normals, X, low, high, centre, half, means):
-    """Updates of all members X (4, member), in place, at a run of instants."""
+    """Updates of all members X (4, member), in place, at a run of instants.
+
+    Deviations of the members are taken from their mean before, which serves as well: those of the forces sum to nothing.
+    """
     instants, powers = coefficients.shape
     J = X.shape[1]
-    Y, u, S = np.empty((2, J)), np.empty(J), np.empty(J)
-    A = np.empty((4, J))
-    E = np.empty((2, J))
+    u, Y0, Y1, E0, E1 = np.empty(J), np.empty(J), np.empty(J), np.empty(J), np.empty(J)
+    sigma_0, sigma_1 = sigma[0], sigma[1]  # what is read in a loop is a number: an array might be what the loop writes
+    near = np.empty(4)
+    for a in range(4):
+        near[a] = X[a].mean()
     for k in range(instants):
         for i in range(2):
-            rise = X[2 * i + 1]
+            S, specific, rise = (Y0, X[0], X[1]) if i == 0 else (Y1, X[2], X[3])
+            leading = coefficients[k, powers - 1]
             for j in range(J):
                 u[j] = (rise[j] - centre) / half
-                S[j] = coefficients[k, powers - 1]
-            for p in range(powers - 2, -1, -1):
-                c = coefficients[k, p]
+                S[j] = leading
+            for p in range((powers - 1) % 4):
+                c0 = coefficients[k, powers - 2 - p]
                 for j in range(J):
-                    S[j] = S[j] * u[j] + c
-            specific = X[2 * i]
+                    S[j] = S[j] * u[j] + c0
+            for p in range((powers - 1) // 4 * 4 - 1, -1, -4):  # four at a time, for fewer ways to memory
+                c3, c2, c1, c0 = (
+                    coefficients[k, p],
+                    coefficients[k, p - 1],
+                    coefficients[k, p - 2],
+                    coefficients[k, p - 3],
+                )
+                for j in range(J):
+                    S[j] = (((S[j] * u[j] + c3) * u[j] + c2) * u[j] + c1) * u[j] + c0
             for j in range(J):
-                Y[i, j] = specific[j] * S[j]
-        for j in range(J):
-            E[0, j] = sigma[0] * normals[k, j, 0]
-            E[1, j] = sigma[1] * normals[k, j, 1]
+                S[j] *= specific[j]
         mean_0, mean_1 = 0.0, 0.0
         for j in range(J):
-            mean_0 += Y[0, j]
-            mean_1 += Y[1, j]
+            mean_0 += Y0[j]
+            mean_1 += Y1[j]
         mean_0 /= J
         mean_1 /= J
-        for a in range(4):
-            total = 0.0
-            for j in range(J):
-                total += X[a, j]
-            total /= J
-            for j in range(J):
-                A[a, j] = X[a, j] - total
         s00, s01, s11 = 0.0, 0.0, 0.0  # J (D + R)
+        normal = normals[k]
         for j in range(J):
-            d0, d1 = Y[0, j] - mean_0, Y[1, j] - mean_1
-            s00 += d0 * d0 + E[0, j] * E[0, j]
-            s01 += d0 * d1 + E[0, j] * E[1, j]
-            s11 += d1 * d1 + E[1, j] * E[1, j]
+            y0, y1 = Y0[j] - mean_0, Y1[j] - mean_1
+            e0, e1 = sigma_0 * normal[j, 0], sigma_1 * normal[j, 1]
+            s00 += y0 * y0 + e0 * e0
+            s01 += y0 * y1 + e0 * e1
+            s11 += y1 * y1 + e1 * e1
+            Y0[j], Y1[j], E0[j], E1[j] = y0, y1, e0, e1
         determinant = s00 * s11 - s01 * s01
-        y0, y1 = force[k, 0], force[k, 1]
+        innovation_0, innovation_1 = force[k, 0] - mean_0, force[k, 1] - mean_1
+        for j in range(J):
+            E0[j] += innovation_0 - Y0[j]
+            E1[j] += innovation_1 - Y1[j]
         for a in range(4):
+            x, shift = X[a], near[a]
             c0, c1 = 0.0, 0.0  # J C
             for j in range(J):
-                c0 += A[a, j] * (Y[0, j] - mean_0)
-                c1 += A[a, j] * (Y[1, j] - mean_1)
+                c0 += (x[j] - shift) * Y0[j]
+                c1 += (x[j] - shift) * Y1[j]
             g0 = (c0 * s11 - c1 * s01) / determinant
             g1 = (c1 * s00 - c0 * s01) / determinant
             total = 0.0
             lowest, highest = low[a], high[a]
             for j in range(J):
-                x = X[a, j] + g0 * (y0 + E[0, j] - Y[0, j]) + g1 * (y1 + E[1, j] - Y[1, j])
-                x = min(max(x, lowest), highest)
-                X[a, j] = x
-                total += x
-            means[k, a] = total / J
+                moved = min(max(x[j] + g0 * E0[j] + g1 * E1[j], lowest), highest)
+                x[j] = moved
+                total += moved
+            near[a] = total / J
+            means[k, a] = near[a]
 
 
 def follow_least_squares(
