@@ -38,9 +38,8 @@ from millcal.numerics.state_space import (
 )
 from millcal.numerics.trend_models import TrendModel
 
-CONVERGED = 1e-3  # of the largest change of a parameter
+CONVERGED = 1e-3  # what another pass promises to take off the penalised squares: about the 1/30 of a standard deviation
 PASSES = 20  # of Gauss-Newton at most
-STALLED = 1e-4  # of the sum of squares and penalty, a gain not worth a pass
 HALVINGS = 8
 SLOW = 0.03  # scale of a trend that cannot swallow a jump
 MOST_JUMPS = 8
@@ -166,7 +165,7 @@ def fit_at(
     *,
     start: np.ndarray | None = None,
 ) -> TrendFit:
-    """Gauss-Newton at given scales, until no parameter moves by more than a thousandth; every pass lowers what is minimised.
+    """Gauss-Newton at given scales. Every pass lowers what is minimised, and the last finds no more to gain.
 
     start : (block, state), where to begin
     """
@@ -179,10 +178,11 @@ def fit_at(
     for left in range(PASSES, -1, -1):
         filtered = filter_states(model.dynamics, intensity, seen)
         smoothed = smooth_states(model.dynamics, intensity, seen, filtered, covariance=False)
-        change = np.abs(model.parameters(smoothed.mean) - model.parameters(x)).max(axis=0)
-        converged = bool(change.max() < CONVERGED)
+        promised = float(np.sum(filtered.innovation**2 / filtered.innovation_variance))
+        converged = cost - promised < CONVERGED
         if converged or not left:
             break
+        change = np.abs(model.parameters(smoothed.mean) - model.parameters(x)).max(axis=0)
         share = min(1.0, float(np.min(model.limits / np.maximum(change, 1e-12))))
         for _halving in range(HALVINGS):
             new = x + share * (smoothed.mean - x)
@@ -192,13 +192,11 @@ def fit_at(
             if lower < cost:
                 break
             share /= 2
-        if not lower < cost - STALLED:
-            converged = bool(lower < cost + STALLED)
+        else:
             break
         x, seen, cost = new, there, lower
-    return TrendFit(
-        model, problem, np.asarray(scales), tuple(jumps), smoothed.mean, seen, filtered, smoothed, converged
-    )
+    state = smoothed.mean if converged else x
+    return TrendFit(model, problem, np.asarray(scales), tuple(jumps), state, seen, filtered, smoothed, converged)
 
 
 def _price(fit: TrendFit, jumps: Sequence[int]) -> float:
@@ -271,7 +269,11 @@ def find_jumps(fit: TrendFit, *, reach: int = REACH) -> TrendFit:
 
 
 def _with_jumps(start: TrendFit, best: TrendFit) -> TrendFit:
-    """Jumps one by one, as long as one more pays; the best of what is met.   best : what is to be beaten"""
+    """Jumps one by one, as long as one more pays; the best of what is met.
+
+    From slow trends they need not pay at the likeliest scales at once: of two that undo each other the first never does.
+    best : what is to be beaten
+    """
     present = start
     while len(present.jumps) < MOST_JUMPS:
         gain = shock_evidence(present.smoothed, present.model.shock)
@@ -280,14 +282,19 @@ def _with_jumps(start: TrendFit, best: TrendFit) -> TrendFit:
         if gain[at] < 1.0:
             break
         jumps = tuple(sorted((*present.jumps, at)))
+        if present is not best:
+            slow = fit_at(present.problem, present.model, present.scales, jumps, start=present.state)
+            if slow.evidence <= present.evidence:
+                break
+            present = slow
         scales, evidence = _guessed(present, jumps)
-        if present is best and evidence < best.evidence - DOUBT:
+        if evidence > best.evidence - DOUBT:
+            fit = likeliest(fit_at(present.problem, present.model, scales, jumps, start=present.state), 1)
+            if fit.evidence > best.evidence:
+                present = best = fit
+                continue
+        if jumps != present.jumps:
             break
-        candidate = likeliest(fit_at(present.problem, present.model, scales, jumps, start=present.state), 1)
-        if candidate.evidence <= max(best.evidence, present.evidence):
-            break
-        present = candidate
-        best = max(best, candidate, key=lambda fit: fit.evidence)
     return best
 
 
