@@ -31,14 +31,14 @@ from millcal.stages.coefficients.trends.filters import (
 )
 from millcal.stages.coefficients.trends.problem import CutRecord, Noise, cut_record, noise_of, used_samples
 from millcal.stages.coefficients.trends.smooth import correlation_time, samples_per_pass, smooth_cut, wear_of
-from millcal.stages.coefficients.trends.start import Start, find_start, prior_of
+from millcal.stages.coefficients.trends.start import Start, find_start, prior_of, winds
 
 LAWS = ("kienzle", "linear-edge")
 METHODS = ("smooth", "imm", "rls", "enkf", "enkf-inflated")
 CANDIDATES = 0.05 * 2.0 ** np.arange(
     3, -3, -1
 )  # of the sample rate: corners of a low-pass that may have been forgotten
-FORGOTTEN = 0.6  # a model that brings chi2 to less than this share explains much
+FORGOTTEN = 0.5  # a model that leaves less than this share of chi2's excess over 1 explains much
 
 Progress = Callable[[float, str], None]
 
@@ -51,6 +51,7 @@ def follow_coefficients(
     runout: str = "fit",
     lowpass: float | None = None,
     lowpass_order: int = 2,
+    smoothing: float | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     chip_threshold: float = 0.5e-6,
     jumps: bool = True,
@@ -68,6 +69,8 @@ def follow_coefficients(
     method : one of METHODS   law : kienzle or linear-edge
     runout : fit, or known (the cutter's own, also where that is none)
     lowpass, lowpass_order : Butterworth low-pass of the force chain, Hz, which is put into the model; None: there is none
+    smoothing : corner of a low-pass that both the force and the model go through, Hz, to leave out what lies above: resonances
+        of the dynamometer, chatter; None: none
     bounds : coefficient -> low, high, SI, what is known beforehand; both of a direction or neither
     chip_threshold : mean chip over the axial depth below which a sample says nothing, m
     jumps : look for sudden changes (smooth)   forgetting : rho per sample (rls)
@@ -98,7 +101,7 @@ def follow_coefficients(
     tell = progress or (lambda share, label: None)
 
     tell(0.0, "start")
-    record = cut_record(cuts, law=law, lowpass=lowpass, lowpass_order=lowpass_order, nodes=nodes)
+    record = cut_record(cuts, law=law, lowpass=lowpass, lowpass_order=lowpass_order, smoothing=smoothing, nodes=nodes)
     noise = noise_of(record, np.full(len(record.force), np.nan))
     own = cuts[0].cutter
     known = (
@@ -108,9 +111,11 @@ def follow_coefficients(
     )
     fitted = runout == "fit" and own.teeth > 1
     start = find_start(record, None if noise is None else noise.sd, runout=fitted, known=known)
+    noise = noise or noise_of(start.record, start.record.contact(start.phase, start.runout))
+    if fitted and not winds(record) and (noise is None or _beyond_noise(start, noise) > judge.REFUSE):
+        start = find_start(record, None if noise is None else noise.sd, runout=True, known=known, only_c0=True)
     record = start.record
     chip = record.contact(start.phase, start.runout)
-    noise = noise or noise_of(record, chip)
     notices = [*record.notices, *(notice for cut in cuts for notice in cut.notices)]
     if noise is None:
         noise = _noise_of_residual(start)
@@ -124,14 +129,25 @@ def follow_coefficients(
             f"cuts: {int(used.sum())} samples with a chip are too few for {record.parameters} parameters; give a longer cut"
         )
     beyond = _beyond_noise(start, noise)
-    hints = _hints(record, start, noise, beyond, runout=fitted, known=known, lowpass=lowpass)
-    prior = _prior(record, start, bounds, fitted)
+    hints = _hints(record, start, noise, beyond, runout=fitted, known=known, lowpass=lowpass, smoothing=smoothing)
+    holds = beyond <= judge.REFUSE and noise.source != "residual"
+    followed = fitted and holds
+    prior = _prior(record, start, bounds, runout=followed, phase=holds)
+    if not holds:
+        notices.append(
+            Notice(
+                "runout-held",
+                "the law does not hold to the noise: runout and spindle phase stay as the first revolutions say",
+                "cuts",
+                "note",
+            )
+        )
 
     if method == "smooth":
         found = _smoothed(record, noise, used, start, prior, beyond, jumps, rng, tell)
     else:
         found = _filtered(
-            record, noise, used, start, prior, bounds, method, fitted, rng, tell,
+            record, noise, used, start, prior, bounds, method, followed, rng, tell,
             forgetting=forgetting, members=members,
             inflation=(inflate_every, inflated_share, 1 / inflation) if method == "enkf-inflated" else None,
         )  # fmt: skip
@@ -149,6 +165,7 @@ def follow_coefficients(
     sd = np.sqrt(np.diagonal(course.covariance, axis1=1, axis2=2))
     D = record.directions
     of_first = np.sqrt(np.einsum("scp,spq,scq->sc", slopes, course.covariance, slopes))[:, :D] / np.abs(values[:, :D])
+    hints += judge.residual_lines(record, (record.force - modelled)[scored])
     checks = [
         judge.check_noise(chi2, noise, share, hints),
         judge.check_separable(record, np.min(sd[:, 1 : 2 * D : 2], axis=0), np.min(of_first, axis=0)),
@@ -156,7 +173,7 @@ def follow_coefficients(
     if method != "smooth":
         checks.append(judge.check_followed(course.innovation_square, course.count))
     notices += judge.one_feed_notice(record)
-    if fitted:
+    if followed:
         notices += judge.runout_notices(record, sd[-1, 2 * D : 2 * D + 2], prior[1][2 * D : 2 * D + 2])
     notices += more.pop("notices", [])
     tell(1.0, "coefficients")
@@ -177,16 +194,21 @@ def follow_coefficients(
 
 
 def _prior(
-    record: CutRecord, start: Start, bounds: Mapping[str, tuple[float, float]] | None, runout: bool
+    record: CutRecord, start: Start, bounds: Mapping[str, tuple[float, float]] | None, *, runout: bool, phase: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and sd of all parameters: the usual, or those of a uniform distribution within the user's bounds."""
+    """Mean and sd of all parameters: the usual, or those of a uniform distribution within the user's bounds.
+
+    runout, phase : whether they are followed; else they stay where the start has them
+    """
     mean, sd = prior_of(record, start.parameters)
     for d, given in bounds_by_direction(record, bounds).items():
         points = corner_parameters(record, given, 40)
         mean[2 * d : 2 * d + 2], sd[2 * d : 2 * d + 2] = points.mean(axis=0), points.std(axis=0)
+    D = record.directions
     if not runout:
-        D = record.directions
         mean[2 * D : 2 * D + 2], sd[2 * D : 2 * D + 2] = start.runout, 0.0
+    if not phase:
+        sd[2 * D + 2 :] = 0.0
     return mean, sd
 
 
@@ -211,6 +233,7 @@ def _hints(
     runout: bool,
     known: tuple[float, float],
     lowpass: float | None,
+    smoothing: float | None,
 ) -> list[str]:
     """What would explain residuals that exceed the noise: a low-pass or a runout that the model does not have."""
     if beyond <= judge.REFUSE or noise.source == "residual":
@@ -218,16 +241,18 @@ def _hints(
     hints = []
     if not runout and record.cutter.teeth > 1:
         with_runout = _beyond_noise(find_start(record, noise.sd, runout=True, known=(0.0, 0.0)), noise)
-        if with_runout < FORGOTTEN * beyond:
+        if with_runout - 1 < FORGOTTEN * (beyond - 1):
             hints.append(f'runout brings chi2 at the start from {beyond:.3g} to {with_runout:.3g}: set runout = "fit"')
     if lowpass is None:
         rate = record.cuts[0].sample_rate
         tried = []
         for corner in CANDIDATES * rate:
-            other = cut_record(record.cuts, law=record.law, lowpass=corner, lowpass_order=2, nodes=record.nodes)
+            other = cut_record(
+                record.cuts, law=record.law, lowpass=corner, lowpass_order=2, smoothing=smoothing, nodes=record.nodes
+            )
             tried.append((_beyond_noise(find_start(other, noise.sd, runout=runout, known=known), noise), corner))
         chi2, corner = min(tried)
-        if chi2 < FORGOTTEN * beyond:
+        if chi2 - 1 < FORGOTTEN * (beyond - 1):
             hints.append(
                 f"a low-pass of about {corner:.0f} Hz in the force chain brings chi2 at the start from {beyond:.3g} to {chi2:.3g}: "
                 "state chain_lowpass_hz"
@@ -251,10 +276,10 @@ def _smoothed(
 ) -> Found:
     """The smoother; where the law does not hold to the noise, with noise that is as large and as coloured as what is left."""
     widened = 1.0
-    if beyond > judge.REFUSE:
+    if beyond > judge.REFUSE or noise.source == "residual":
         part = record.of(start.samples)
         alike = correlation_time(start.residual[part.settled(part.memory)], round(samples_per_pass(record, used)))
-        widened = float(np.sqrt(beyond * alike))
+        widened = float(np.sqrt(max(beyond, 1.0) * alike))
     found = smooth_cut(
         record,
         noise.scaled(widened),

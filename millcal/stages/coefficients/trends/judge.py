@@ -13,6 +13,7 @@ SMALL_RESIDUAL = 0.1  # of the rms of the force: below, a law that is not exact 
 SHAPE_SD, COEFFICIENT_SD = 0.05, 0.10  # above, level and shape are not told apart
 UNSEEN = 0.7  # of the prior's sd: the record has said next to nothing
 AT_BOUND = 0.05
+LINE_SHARE, MOSTLY = 0.1, 0.5  # of the residual's power: a line worth telling, and lines that are most of it
 RESTLESS = (0.5, 1.5)  # mean square of normalised innovations that a consistent filter stays within
 
 
@@ -24,14 +25,44 @@ def check_noise(chi2: float, noise: Noise, residual_share: np.ndarray, hints: Se
     ]
     if noise.source == "residual":
         worst = float(np.max(residual_share))
-        message = f"no air cut to tell the noise: the residual is {worst:.1%} of the force, taken for noise"
-        return Check(name, worst < SMALL_RESIDUAL, message)
+        message = f"no air cut to tell the noise: the residual is {worst:.1%} of the force and taken for noise"
+        good = worst < SMALL_RESIDUAL
+        return Check(name, good, message if good or not hints else f"{message}: {'; '.join(hints)}")
     said = f"residuals are {np.sqrt(chi2):.3g} times the noise of {source} (chi2 {chi2:.3g})"
     if chi2 <= REFUSE:
         doubt = "" if chi2 <= WARN else ": a little more than noise; look at the innovations"
         return Check(name, True, said + doubt)
     hint = "; ".join(hints) or "look for chatter, a resonance of the dynamometer, a wrong engagement or another law"
     return Check(name, False, f"{said} and {np.max(residual_share):.1%} of the force: {hint}")
+
+
+def residual_lines(record: CutRecord, residual: np.ndarray, most: int = 3) -> list[str]:
+    """Where in frequency the residual is, if it is mostly in a few lines.   residual : (sample, axis) N"""
+    n = min(len(residual), 1 << 16)
+    rate, spindle = record.cuts[0].sample_rate, record.cuts[0].spindle_frequency
+    window = np.hanning(n)[:, np.newaxis]
+    power = np.sum(np.abs(np.fft.rfft((residual[:n] - residual[:n].mean(axis=0)) * window, axis=0)) ** 2, axis=1)
+    wide = max(1, round(0.25 * spindle * n / rate))  # lines of a quarter of the spindle's frequency to either side
+    rest, told, share = power.copy(), [], 0.0
+    for _ in range(most):
+        at = int(np.argmax(rest))
+        part = float(rest[max(at - wide, 0) : at + wide + 1].sum() / power.sum())
+        if part < LINE_SHARE:
+            break
+        told.append(at * rate / n)
+        share += part
+        rest[max(at - wide, 0) : at + wide + 1] = 0.0
+    if share < MOSTLY:
+        return []
+    order = [frequency / spindle for frequency in told]
+    follows = all(abs(k - round(k)) < 0.1 for k in order)
+    what = (
+        f"harmonics {', '.join(str(round(k)) for k in order)} of the spindle: a resonance, runout or an engagement the model lacks"
+        if follows
+        else "not all harmonics of the spindle: chatter or a resonance"
+    )
+    said = ", ".join(f"{frequency:.0f}" for frequency in told)
+    return [f"{share:.0%} of the residual's power is at {said} Hz, {what}; smoothing below them leaves them out"]
 
 
 def check_separable(record: CutRecord, shape_sd: np.ndarray, relative_sd: np.ndarray) -> Check:

@@ -23,6 +23,8 @@ from millcal.physics.sampled_force import ChipRange, Passage, chip_quantiles, me
 MOST_SAMPLES = 1_000_000  # of a longer record, stretches of whole revolutions evenly spread
 STRETCH = 20  # revolutions of such a stretch
 FORGET = 1e-3  # a low-pass has forgotten what happened when this share is left
+SMOOTHING_ORDER = 4
+SAMPLES_PER_CORNER = 2.5  # of a smoothed force that are used per period of the corner
 FEWEST_IDLE = 200  # samples between teeth that can tell the noise
 PHASE_STEP = 1e-3  # rad, for the slope of the force in the spindle angle
 DIRECTIONS = ("t", "r", "a")
@@ -45,6 +47,8 @@ class CutRecord:
     edges: np.ndarray  # (piece + 1,) where contiguous samples end
     lowpass: tuple[np.ndarray, np.ndarray] | None  # (b, a)
     memory: int  # samples that the low-pass remembers
+    every: int  # of the samples one in so many is used: a smoothed force has no more to say
+    smoother: tuple[np.ndarray, np.ndarray] | None  # what the force itself went through here, part of `lowpass`
     chips: ChipRange
     notices: tuple[Notice, ...]
 
@@ -158,9 +162,12 @@ def cut_record(
     law: str,
     lowpass: float | None,
     lowpass_order: int,
+    smoothing: float | None,
     nodes: int,
 ) -> CutRecord:
     """The cuts as one record.
+
+    lowpass, lowpass_order : of the force chain, Hz   smoothing : corner of a low-pass that force and model go through, Hz
 
     Raises
     ------
@@ -180,6 +187,22 @@ def cut_record(
                 f"coefficients.lowpass_hz: {lowpass:g} Hz does not lie below half the sample rate of {rate:g} Hz; leave it out"
             )
         filtered = discrete_butterworth(lowpass, lowpass_order, rate)
+    smoother, every = None, 1
+    if smoothing is not None:
+        if not 0 < smoothing < rate / 2:
+            raise IllPosedError(
+                f"coefficients.smoothing: {smoothing:g} Hz does not lie below half the sample rate of {rate:g} Hz; leave it out"
+            )
+        from scipy.signal import butter
+
+        smoother, every = (
+            butter(SMOOTHING_ORDER, smoothing, fs=rate),
+            max(1, int(rate / (SAMPLES_PER_CORNER * smoothing))),
+        )
+        filtered = (
+            smoother if filtered is None else tuple(np.convolve(x, y) for x, y in zip(filtered, smoother, strict=True))
+        )
+    if filtered is not None:
         slowest = np.abs(np.roots(filtered[1])).max()
         memory = int(np.ceil(np.log(FORGET) / np.log(slowest)))
     length = np.array([cut.force.shape[1] for cut in cuts])
@@ -198,13 +221,17 @@ def cut_record(
         law=law,
         nodes=nodes,
         passage=passage,
-        force=np.concatenate([cut.force[[cut.axes.index(axis) for axis in axes]].T for cut in cuts]),
+        force=np.concatenate(
+            [_smoothed(cut.force[[cut.axes.index(axis) for axis in axes]].T, smoother) for cut in cuts]
+        ),
         sign=np.ones(len(axes)),
         time=np.arange(ends[-1]) / rate,
         cut=np.repeat(np.arange(len(cuts)), length),
         edges=ends,
         lowpass=filtered,
         memory=memory,
+        every=every,
+        smoother=smoother,
         chips=ChipRange(1e-3, 1e-3, 1e-3),
         notices=(),
     )
@@ -218,6 +245,15 @@ def cut_record(
     except ValueError:
         raise IllPosedError("cuts: no tooth meets the work; check the engagement and the conditions") from None
     return replace(record, chips=chips, notices=tuple(notices))
+
+
+def _smoothed(force: np.ndarray, smoother: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray:
+    """force : (sample, axis)"""
+    if smoother is None or not len(force):
+        return force
+    from scipy.signal import lfilter
+
+    return lfilter(*smoother, force, axis=0)
 
 
 def _evenly_spread(record: CutRecord) -> np.ndarray:
@@ -240,7 +276,9 @@ def used_samples(record: CutRecord, chip: np.ndarray, threshold: float, order: i
             np.concatenate([np.zeros(record.memory, int), reach[: -record.memory]]) if len(reach) > record.memory else 0
         )
         used = used | (reach - behind > 0)
-    return used & record.settled(record.memory + order)
+    used &= record.settled(record.memory + order)
+    used[np.arange(len(used)) % record.every != 0] = False
+    return used
 
 
 def noise_of(record: CutRecord, chip: np.ndarray) -> Noise | None:
@@ -248,17 +286,23 @@ def noise_of(record: CutRecord, chip: np.ndarray) -> Noise | None:
     pieces: list[list[np.ndarray]] = [[] for _ in record.axes]
     for cut in record.cuts:
         for start, stop in cut.air_spans or ((0, cut.air_force.shape[1]),):
+            piece = _smoothed(cut.air_force[:, start:stop].T, record.smoother)[
+                record.memory if record.every > 1 else 0 :
+            ]
             for row, axis in enumerate(record.axes):
-                pieces[row].append(cut.air_force[cut.axes.index(axis), start:stop])
+                pieces[row].append(piece[:: record.every, cut.axes.index(axis)])
     if sum(len(piece) for piece in pieces[0]) >= FEWEST_IDLE:
         kept = [[piece for piece in of_axis if len(piece) > 8] for of_axis in pieces]
-        return Noise(tuple(fit_autoregression(of_axis) for of_axis in kept), "air")
+        return Noise(tuple(fit_autoregression(of_axis, 4 if record.every == 1 else 0) for of_axis in kept), "air")
     idle = idle_pieces(record, chip)
     if sum(stop - start for start, stop in idle) < FEWEST_IDLE:
         return None
     return Noise(
         tuple(
-            fit_autoregression([record.force[start:stop, row] for start, stop in idle], 4 if idle_is_long(idle) else 0)
+            fit_autoregression(
+                [record.force[start:stop, row] for start, stop in idle],
+                4 if record.every == 1 and idle_is_long(idle) else 0,
+            )
             for row in range(len(record.axes))
         ),
         "idle",

@@ -19,6 +19,8 @@ SHAPE = {"kienzle": (0.3, 0.2), "linear-edge": (0.3, 0.25)}  # mean and sd of wh
 LIKELY_SHAPE = {"kienzle": 0.25, "linear-edge": 0.3}
 SHAPE_RANGE = {"kienzle": (-0.3, 0.95), "linear-edge": (-0.5, 0.97)}
 RUNOUT_SD = 20e-6  # m
+WOUND = 0.5  # rad, helix lag over the depth
+MOST_RUNOUT = 60e-6  # m, either component
 PHASE_SD = 0.1  # rad, about what the scan says
 STATED_PHASE_SD = 1e-3  # rad
 COARSE_NOISE = 0.1  # of the rms of an axis, where nothing tells the noise
@@ -69,10 +71,24 @@ def first_revolutions(record: CutRecord, revolutions: float) -> np.ndarray:
     return angle - first[record.cut] < 2 * np.pi * revolutions
 
 
-def find_start(record: CutRecord, noise_sd: np.ndarray | None, *, runout: bool, known: tuple[float, float]) -> Start:
+def winds(record: CutRecord) -> bool:
+    """Whether s0 is seen well: with two teeth only as far as the helix winds over the depth."""
+    lag = float(record.cutter.helix_lag(np.max(record.passage.axial_depth)))
+    return record.cutter.teeth > 2 or abs(lag) > WOUND
+
+
+def find_start(
+    record: CutRecord,
+    noise_sd: np.ndarray | None,
+    *,
+    runout: bool,
+    known: tuple[float, float],
+    only_c0: bool = False,
+) -> Start:
     """Constant parameters of the first revolutions.
 
     noise_sd : (axis,) N, None where nothing tells it   runout : whether it is a parameter; else it is `known`, m
+    only_c0 : leave s0 at 0, where the law does not hold so well that so weak a component could be trusted
 
     Raises
     ------
@@ -86,27 +102,30 @@ def find_start(record: CutRecord, noise_sd: np.ndarray | None, *, runout: bool, 
     parameters = np.zeros(record.parameters)
     parameters[1 : 2 * D : 2] = LIKELY_SHAPE[record.law]
     parameters[2 * D : 2 * D + 2] = known
-    record, candidates = _scan(record, parameters, np.maximum(sd, COARSE_NOISE * rms), 0)
+    feeds = [float(np.max(record.passage.feed_per_tooth[record.cut == number])) for number in range(len(record.cuts))]
+    first = int(np.argmax(feeds))  # where runout matters least
+    record, candidates = _scan(record, parameters, np.maximum(sd, COARSE_NOISE * rms), first)
     fixed = np.zeros(record.parameters, bool)
     fixed[2 * D : 2 * D + 2] = True
     part = first_revolutions(record, FITTED)
-    one = part & (record.cut == 0)
+    one = part & (record.cut == first)
     wide = np.maximum(sd, 0.02 * rms)  # a coarse fit need not be sharper than the law
-    fits = [_refined(record.of(one), _with_phase(c, record), wide, _only_cut(record, 0, fixed)) for c in candidates]
+    fits = [_refined(record.of(one), c, wide, _only_cut(record, first, fixed)) for c in candidates]
     fits.sort(key=lambda fit: fit[1])
     best = fits[0]
     if runout:
-        fixed[2 * D : 2 * D + 2] = False
+        fixed[2 * D : 2 * D + 2] = False, only_c0
         reach = min(0.15 * float(np.max(record.passage.feed_per_tooth)), RUNOUT_SD)
         tried = []
         for seed in fits[:2]:
-            for around in (0.0, 0.25, 0.5, 0.75):
+            for around in (0.0, 0.5) if only_c0 else (0.0, 0.25, 0.5, 0.75):
                 p = seed[0].copy()
-                p[2 * D : 2 * D + 2] = reach * np.cos(2 * np.pi * around), reach * np.sin(2 * np.pi * around)
-                tried.append(_refined(record.of(one), p, wide, _only_cut(record, 0, fixed)))
+                p[2 * D] = reach * np.cos(2 * np.pi * around)
+                p[2 * D + 1] = 0.0 if only_c0 else reach * np.sin(2 * np.pi * around)
+                tried.append(_refined(record.of(one), p, wide, _only_cut(record, first, fixed)))
         best = min(tried, key=lambda fit: fit[1])
     parameters = best[0]
-    for number in range(1, len(record.cuts)):
+    for number in set(range(len(record.cuts))) - {first}:
         _, candidates = _scan(record, parameters, wide, number, signed=False)
         parameters[2 * D + 2 + number] = candidates[0][2 * D + 2 + number]
     parameters, _, covariance, residual = _refined(record.of(part), parameters, sd, fixed)
@@ -163,10 +182,6 @@ def _scan(
     return record, apart
 
 
-def _with_phase(parameters: np.ndarray, record: CutRecord) -> np.ndarray:
-    return parameters[: record.parameters].copy()
-
-
 def _only_cut(record: CutRecord, number: int, fixed: np.ndarray) -> np.ndarray:
     """Fixed too: the phases of other cuts."""
     mask = fixed.copy()
@@ -186,6 +201,7 @@ def _refined(
     free = np.flatnonzero(~fixed)
     low, high = np.full(len(parameters), -np.inf), np.full(len(parameters), np.inf)
     low[1 : 2 * D : 2], high[1 : 2 * D : 2] = SHAPE_RANGE[part.law]
+    low[2 * D : own], high[2 * D : own] = -MOST_RUNOUT, MOST_RUNOUT
     settled = part.settled(part.memory)  # a low-pass begins at rest here, and did not there
     unit = prior_sd[free]
 
@@ -204,9 +220,7 @@ def _refined(
         columns = np.concatenate([part.response(p)[1], part.phase_slopes(p)], axis=2)[:, :, free] / sd[:, np.newaxis]
         return np.concatenate([columns[settled].reshape(-1, len(free)) * unit, np.diag(unit / prior_sd[free])])
 
-    begin = np.clip(
-        parameters, np.where(np.isfinite(low), low + 1e-3, low), np.where(np.isfinite(high), high - 1e-3, high)
-    )
+    begin = np.clip(parameters, low + 1e-3 * prior_sd, high - 1e-3 * prior_sd)
     found = least_squares(
         residual,
         begin[free] / unit,
