@@ -91,7 +91,7 @@ def jumps(history: CoefficientHistory) -> Table | None:
                 significant(jump.time / unit, 4),
                 names[history.cuts[cut]],
                 *by,
-                fixed(jump.log_bayes_factor, 1),
+                significant(jump.log_bayes_factor),
             ]
         )
     headings = ["", f"time, {word}", "cut", *(f"{SIDES[d]}, %" for d in history.directions), "ln Bayes factor"]
@@ -134,8 +134,8 @@ def told_apart(history: CoefficientHistory) -> Table | None:
     chip = nominal(round(history.reference_chip * 1e6, 1))
     said = "".join(f" {_sentence(check.message)}" for check in history.checks if check.name == "separable")
     note = (
-        f"Standard deviations at the end. The chips of these cuts are {low} to {high} µm thick (5 % and 95 %): there the force is "
-        f"known, beyond it the law is an extrapolation.{said}"
+        f"Standard deviations at the end. The chips of these cuts are {low} to {high} µm thick (5\u00a0% and 95\u00a0%): there "
+        f"the force is known, beyond it the law is an extrapolation.{said}"
     )
     headings = ("direction", f"force at {chip} µm, %", first, second)
     return Table("What the record can tell", headings, rows, note=note)
