@@ -8,15 +8,15 @@ import numpy as np
 
 from millcal.errors import RecordingError
 from millcal.stages.conditioning.forces import Note
-from millcal.stages.conditioning.steady import Survey, longest, stretches
+from millcal.stages.conditioning.steady import AIR_REVOLUTIONS, Survey, longest, stretches
 
-CONTACT = 0.3  # of the usual strength
+CONTACT = 0.3  # of the usual strength, above the noise of the air cut
 FULL = 0.97  # of the strength of the revolutions that follow: the ramp is over
 NEIGHBOURS = 20  # revolutions at most with which an end is compared
 
 
-def contact_revolutions(survey: Survey, where: str, note: Note, *, whole: bool) -> tuple[int, int]:
-    """Revolutions first..last of the cut.
+def contact_revolutions(survey: Survey, where: str, note: Note, *, whole: bool) -> tuple[int, int, float]:
+    """Revolutions first..last of the cut, and the strength in N that parts it from the air.
 
     whole : from the first contact to the last, ramps and gaps included, as an engagement table describes them; else the
         longest stretch without its ramps
@@ -31,9 +31,13 @@ def contact_revolutions(survey: Survey, where: str, note: Note, *, whole: bool) 
     strong = strength[usable & (strength > 0.25 * np.quantile(strength[usable], 0.95))]
     if not len(strong):
         raise RecordingError(f"{where}: the forces never change; check the channels named in the map")
-    runs = stretches(_bridged(strength, CONTACT * float(np.median(strong))), bridge=3)
+    level = float(np.median(strong))
+    weak = strength[usable & (strength < 0.5 * level)]
+    noise = float(np.median(weak)) if len(weak) >= AIR_REVOLUTIONS else 0.0  # powers add
+    limit = float(np.sqrt(noise**2 + CONTACT**2 * (level**2 - noise**2)))
+    runs = stretches(_bridged(strength, limit), bridge=3)
     if whole:
-        return runs[0][0], runs[-1][1]
+        return runs[0][0], runs[-1][1], limit
     first, last = longest(runs)
     if any(low != first and high - low > 0.5 * (last - first) for low, high in runs):
         note("several-cuts", "several stretches look like a cut; the longest is used, give steady_s for another")
@@ -41,7 +45,9 @@ def contact_revolutions(survey: Survey, where: str, note: Note, *, whole: bool) 
     inside[~np.isfinite(inside)] = np.nanmedian(inside)  # refused by its time, once the cut is known
     foot = _ramp(inside) if first > 0 else 0
     heel = _ramp(inside[::-1]) if last < len(strength) else 0
-    return (first + foot, last - heel) if last - first > foot + heel + 1 else (first, last)
+    if last - first > foot + heel + 1:
+        first, last = first + foot, last - heel
+    return first, last, limit
 
 
 def _bridged(strength: np.ndarray, limit: float) -> np.ndarray:

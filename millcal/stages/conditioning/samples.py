@@ -87,14 +87,14 @@ def sample_cut(
     zero = np.zeros(len(axes))
     raw = read_forces(recording, rows, zero, zero)
     survey = survey_record(raw, length, rate / stated)
-    span = stated_samples(recording, steady, where)
+    span, limit = stated_samples(recording, steady, where), None
     if span is None:
-        whole = contact_revolutions(survey, where, note, whole=engagement is not None)
-        span = samples_of(recording, survey, *whole)
+        first, last, limit = contact_revolutions(survey, where, note, whole=engagement is not None)
+        span = samples_of(recording, survey, first, last)
     start, stop = span
     refuse_what_is_no_number(recording, rows, start, stop, where)
     findings.note_clipping(recording, rows, start, stop, note, axes)
-    spans = air_samples(recording, air, survey, span, where)
+    spans = air_samples(recording, air, survey, span, where, limit)
     line = offset_line(raw, spans, rate / stated, rate, offset, where, note, axes)
 
     tell(0.4, "force")

@@ -10,6 +10,7 @@ import numpy as np
 from millcal.data import Recording
 from millcal.errors import RecordingError
 from millcal.numerics import spectra
+from millcal.numerics.phase_tracking import track_phase
 from millcal.numerics.pulses import number_pulses, pulse_times
 from millcal.numerics.smooth_sequence import smooth_sequence
 from millcal.stages.conditioning.forces import Note, block_size
@@ -20,8 +21,10 @@ FARTHEST = 0.2  # from the stated speed, of an encoder or a pulse that is believ
 FEWEST_PULSES = 0.5  # of those expected
 REACH = 3  # revolutions beside the cut whose pulses help
 TO_A_SAMPLE = 0.6  # samples: pulses that are this near to a constant speed say nothing of another
-WANDERS = 0.02  # rad, rms, of a spindle whose speed is not constant: less may be the force that changes its shape
+WANDERS = 0.006  # rad, rms, of a spindle whose speed is not constant: less may be the force that changes its shape
 ROUNDS = 4
+LOOK = 32  # revolutions in the middle, over which the speed may pass for constant
+FOLLOWED = 0.3  # share of the force's power at the harmonics of a spindle that wanders: less is no such spindle
 
 
 def encoder_angle(recording: Recording, start: int, stop: int, stated: float, note: Note) -> np.ndarray | None:
@@ -152,38 +155,59 @@ def speed_angle(
     force : (axis, sample), of the cut   start : its first sample   stated : cycles per sample   steady : constant engagement
     returns (sample,) rad, rising
     """
-    read = spectra.reader_of(force)
-    length = force.shape[1]
-    cycle = spindle_cycle(read, 0, length, stated, teeth, where, note).cycle
-    turns = np.arange(length) * cycle
-    if steady:
-        turns = turns + _lead(force, turns, cycle)
-    return TURN * (turns + start * cycle)
+    wandering = _wandering(force, stated, teeth, where) if steady else None
+    if wandering is None:
+        cycle = spindle_cycle(spectra.reader_of(force), 0, force.shape[1], stated, teeth, where, note).cycle
+        return TURN * cycle * (start + np.arange(force.shape[1]))
+    mean = (wandering[-1] - wandering[0]) / (len(wandering) - 1)
+    if abs(mean / stated - 1) > FAR_FROM_STATED:
+        note_speed(mean, stated, "force", note)
+    at_first = min(round(4 / mean), len(wandering) - 1)
+    return TURN * (wandering - wandering[0] + start * (wandering[at_first] - wandering[0]) / at_first)
 
 
-def _lead(force: np.ndarray, turns: np.ndarray, cycle: float) -> np.ndarray:
-    """By how many revolutions the spindle runs ahead of uniform motion, smooth; 0 where that is not sure.
+def _wandering(force: np.ndarray, stated: float, teeth: int, where: str) -> np.ndarray | None:
+    """Revolutions at each sample where the speed surely changes; None where it may be constant.
 
-    Each round puts the force on equal steps of the angle found so far, where its harmonics are no longer smeared.
+    The phase is followed from revolution to revolution, at the speed in the middle of the cut. Then each round puts the force
+    on equal steps of the angle found so far, where its harmonics are no longer smeared, and looks for what is left.
     """
-    lead = np.zeros_like(turns)
+    length = force.shape[1]
+    half = min(round(LOOK / stated / 2), length // 2)
+    read = spectra.reader_of(force[:, length // 2 - half : length // 2 + half])
+    cycle = spindle_cycle(read, 0, 2 * half, stated, teeth, where, lambda *_: None).cycle
+    uniform = np.arange(length) * cycle
+    edges = np.rint(np.arange(int(length * cycle) + 1) / cycle).astype(np.int64)
+    if len(edges) < 9:
+        return None
     highest = max(1, min(12, int(NYQUIST_SHARE / cycle)))
+    read = spectra.reader_of(force)
+    found = spectra.block_harmonics(read, edges, cycle, highest)[:, :, 1:]
+    lead = _along_revolutions(smooth_sequence(track_phase(found)) / TURN, cycle, length)
     for _ in range(ROUNDS):
-        even = np.array([np.interp(turns, turns + lead, row) for row in force])
+        even = np.array([np.interp(uniform, uniform + lead, row) for row in force])
         read = spectra.reader_of(even)
-        fitted = spectra.fit_harmonics(read, 0, force.shape[1], cycle, highest)
-        found = each_revolution(read, 0, force.shape[1], cycle, fitted)
-        ahead = found.lead / np.where(np.abs(found.gain) > 0.1, found.gain, np.inf)
-        if len(ahead) < 8:
-            return np.zeros_like(turns)
+        fitted = spectra.fit_harmonics(read, 0, length, cycle, highest)
+        turns = each_revolution(read, 0, length, cycle, fitted)
+        ahead = turns.lead / np.where(np.abs(turns.gain) > 0.1, turns.gain, np.inf)
         course = smooth_sequence(ahead) / TURN
-        at = (np.arange(len(ahead)) + 0.5) / cycle
-        more = np.interp(np.arange(len(turns)), at, course)
-        lead += more
+        lead += _along_revolutions(course, cycle, length)
         if np.sqrt(np.mean(course**2)) * TURN < 1e-4:
             break
-    wander = lead - np.polynomial.Polynomial.fit(turns, lead, 1)(turns)
-    return lead if np.sqrt(np.mean(wander**2)) * TURN > WANDERS else np.zeros_like(turns)
+    wander = lead - np.polynomial.Polynomial.fit(uniform, lead, 1)(uniform)
+    if np.sqrt(np.mean(wander**2)) * TURN < WANDERS or np.any(np.diff(lead) < -0.5 * cycle):
+        return None
+    even = np.array([np.interp(uniform, uniform + lead, row) for row in force])
+    fitted = spectra.fit_harmonics(spectra.reader_of(even), 0, length, cycle, highest)
+    explained = 0.5 * float(np.sum(np.abs(fitted[:, 1:]) ** 2)) / max(float(force.var(axis=1).sum()), 1e-300)
+    return uniform + lead if explained > FOLLOWED else None
+
+
+def _along_revolutions(course: np.ndarray, cycle: float, length: int) -> np.ndarray:
+    """Values at the middles of the revolutions, straight between them and on beyond the first and the last, at every sample."""
+    at = (np.arange(-1, len(course) + 1) + 0.5) / cycle
+    before, after = 2 * course[0] - course[1], 2 * course[-1] - course[-2]
+    return np.interp(np.arange(length), at, np.concatenate([[before], course, [after]]))
 
 
 def note_speed(frequency: float, stated: float, source: str, note: Note) -> None:

@@ -192,9 +192,17 @@ def refuse_what_is_no_number(recording: Recording, rows: list[int], start: int, 
 
 
 def air_samples(
-    recording: Recording, air: Sequence[Span] | None, survey: Survey, steady: Samples, where: str
+    recording: Recording,
+    air: Sequence[Span] | None,
+    survey: Survey,
+    steady: Samples,
+    where: str,
+    limit: float | None = None,
 ) -> list[Samples]:
-    """Air cuts: as stated, else the quiet revolutions before and after the cut, less the one beside it."""
+    """Air cuts: as stated, else the quiet revolutions before and after the cut, less the one beside it.
+
+    limit : N, strength below which a revolution may be quiet; None: a quarter of the cut's
+    """
     n, rate = recording.samples.shape[1], recording.sample_rate
     air = air if air is not None else recording.air
     if air is not None:
@@ -210,14 +218,15 @@ def air_samples(
     cutting = strength[(edges[:-1] >= steady[0]) & (edges[1:] <= steady[1]) & np.isfinite(strength)]
     if not len(cutting):
         return []
+    limit = 0.25 * float(np.median(cutting)) if limit is None else limit
     found = []
     for side, trim in ((edges[1:] <= steady[0], (0, 1)), (edges[:-1] >= steady[1], (1, 0))):
-        quiet = strength[side & (np.nan_to_num(strength, nan=np.inf) < 0.25 * np.median(cutting))]
+        quiet = strength[side & (np.nan_to_num(strength, nan=np.inf) < limit)]
         if len(quiet) <= AIR_REVOLUTIONS:
             continue
         floor, spread = densest_half(quiet)
-        limit = floor + max(5 * spread, 0.002 * float(np.median(cutting)))
-        first, last = longest(stretches(side & (np.nan_to_num(strength, nan=np.inf) <= limit), bridge=1))
+        still = floor + max(5 * spread, 0.002 * float(np.median(cutting)))
+        first, last = longest(stretches(side & (np.nan_to_num(strength, nan=np.inf) <= still), bridge=1))
         if last - first > AIR_REVOLUTIONS:  # the revolution beside the ramp may hold its beginning
             found.append((int(edges[first + trim[0]]), int(edges[last - trim[1]])))
     return found
