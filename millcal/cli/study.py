@@ -86,7 +86,10 @@ def _figures(found: Any) -> dict[str, bytes]:
     drawn = _drawn()
     errors, specific, rise = (
         {
-            label: {case: trending.Course(runs.mean[q], runs.deviation[q]) for case, runs in found.runs[method].items()}
+            label: {
+                case: trending.Course(runs.mean[q], runs.deviation[q], own=method == SMOOTHER)
+                for case, runs in found.runs[method].items()
+            }
             for method, label in drawn.items()
         }
         for q in range(len(QUANTITIES))

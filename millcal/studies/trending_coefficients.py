@@ -31,6 +31,7 @@ from millcal.studies.trending_methods import (
     ensembles,
     inflation_of,
     perturbations,
+    tangential_deviation,
     tangential_error,
 )
 
@@ -114,7 +115,7 @@ class Runs(NamedTuple):
     k_rms: float  # N/mm^2, of k_t in the second half of the record
     m_rms: float  # of m_t, likewise
     mean: np.ndarray  # (3, active) over the starts: force error N, k_t N/mm^2, m_t
-    deviation: np.ndarray  # (3, active) between the starts
+    deviation: np.ndarray  # (3, active) between the starts; of the smoother, which has no starts, its own
 
 
 class Paired(NamedTuple):
@@ -221,15 +222,19 @@ def _all_methods(
                 inflation = None if setting is None else inflation_of(*setting)
                 found = by_ensemble(cut, members[number], normals, _inflating(seed, number), inflation)
                 sums[method, case].add(found)
+    sure = {}
     for case, cut in cuts.items():
         for method, paths in _others(cut, members):
             for path in paths:
                 sums[method, case].add(path)
         smoothed, trajectory = by_smoothing(cut)
         sums[SMOOTHER, case].add(smoothed)
+        sure[case] = tangential_deviation(cut, smoothed, trajectory)
         if smoothers is not None:
             smoothers[case] = (trajectory.fit.model.name, len(trajectory.fit.jumps))
-    return {method: {case: sums[method, case].runs() for case in cuts} for method in METHODS}
+    runs = {method: {case: sums[method, case].runs() for case in cuts} for method in METHODS}
+    runs[SMOOTHER] = {case: found._replace(deviation=sure[case]) for case, found in runs[SMOOTHER].items()}
+    return runs
 
 
 def _others(cut: SimulatedCut, members: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:

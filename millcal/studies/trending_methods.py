@@ -136,6 +136,18 @@ def by_smoothing(cut: SimulatedCut) -> tuple[np.ndarray, Trajectory]:
     return np.concatenate(pairs, axis=1), found
 
 
+def tangential_deviation(cut: SimulatedCut, found: np.ndarray, trajectory: Trajectory) -> np.ndarray:
+    """How sure the smoother is of the tangential force, k_t and m_t, to first order.
+
+    found : (active, 4)   returns standard deviations, (3, active): N, N/mm^2, 1
+    """
+    P, k, distance = trajectory.covariance[:, :2, :2], found[:, 0], np.log(CHIP / REFERENCE_CHIP)
+    _, by = force_and_slopes(_tables(CHIP), trajectory.mean[:, 0], trajectory.mean[:, 1], CHIP)
+    of_k = k[:, np.newaxis] * np.array([1.0, distance])  # dk/d(kappa, m)
+    of_m = np.broadcast_to([0.0, 1.0], of_k.shape)
+    return np.sqrt(np.stack([np.einsum("sa,sab,sb->s", slope, P, slope) for slope in (by, of_k, of_m)]))
+
+
 def box_prior() -> tuple[np.ndarray, np.ndarray]:
     """Mean and covariance of kappa_t, m_t, kappa_r, m_r where k and m are uniform in the box.   returns (4,), (4, 4)"""
     mean, covariance = np.zeros(4), np.zeros((4, 4))

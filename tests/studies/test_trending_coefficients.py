@@ -12,6 +12,7 @@ from millcal.studies.trending_methods import (
     by_smoothing,
     ensembles,
     perturbations,
+    tangential_deviation,
 )
 from millcal.studies.trending_summary import summarise
 
@@ -124,7 +125,6 @@ def test_the_other_start_of_a_method_changes_little_but_for_the_classic_filter(s
     classic = small.runs["EnKF"]["alternating"].deviation[1].mean()
     inflated = small.runs["EnKF* 50, 10"]["alternating"].deviation[1].mean()
     assert inflated < 0.3 * classic
-    assert small.runs["smoother"]["static"].deviation.max() == 0.0
 
 
 def test_a_seed_gives_one_result_and_another_seed_another():
@@ -211,6 +211,17 @@ def test_the_prior_of_the_better_methods_is_the_box():
     mean, covariance = box_prior()
     assert mean == pytest.approx(drawn.mean(axis=0), abs=5e-3)
     assert covariance == pytest.approx(np.cov(drawn.T), abs=3e-3)
+
+
+def test_the_smoother_knows_how_sure_it_is():
+    """Over draws of the noise its errors have the size that it says: of the force, of k_t and of m_t."""
+    squares = []
+    for seed in range(40, 52):
+        cut = simulate_case("alternating", seed)
+        found, trajectory = by_smoothing(cut)
+        error = np.stack([study.tangential_error(cut, found), *(found - cut.active_truth)[:, :2].T])
+        squares.append(np.mean((error / tangential_deviation(cut, found, trajectory)) ** 2, axis=1))
+    assert np.all(np.abs(np.log(np.mean(squares, axis=0))) < np.log(2.2))
 
 
 @pytest.mark.parametrize(("case", "model", "jumps"), [("wear+chip", "shared", 1), ("split", "independent", 0)])

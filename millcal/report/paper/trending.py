@@ -22,6 +22,7 @@ class Course(NamedTuple):
 
     mean: np.ndarray  # (active,)
     deviation: np.ndarray  # (active,)
+    own: bool = False  # the deviation is what the method itself says, for it has no starts
 
     @property
     def tube(self) -> tuple[np.ndarray, np.ndarray]:
@@ -62,9 +63,11 @@ def errors(courses: Courses, rms: Mapping[str, Mapping[str, float]], inflated: M
     looks = looks_of(methods)
     figure, panels = sheet.sheet(sheet.DOUBLE, 36.0 * len(cases) + 17, len(cases), len(methods))
     corner = panels[0, 0]  # lines of no colour of their own, for the legend of all
-    entries = [(corner.plot([], [], color=sheet.MUTED)[0], "mean error of the starts; at the right the rms of all")]
+    entries = [(corner.plot([], [], color=sheet.MUTED)[0], "mean error, and the rms of all starts")]
     if any(np.any(course.deviation > 0) for by_case in courses.values() for course in by_case.values()):
-        entries.append((corner.fill_between([], [], [], color=sheet.LEFT), "mean ± 2 sd of the starts"))
+        own = [method for method in methods if courses[method][cases[0]].own]
+        told = "± 2 sd of the starts" + "".join(f"; {method}: of its own" for method in own)
+        entries.append((corner.fill_between([], [], [], color=sheet.LEFT), told))
     if inflated:
         entries.append((corner.plot([], [], **_DOTS)[0], "inflations"))
     for row, case in enumerate(cases):
@@ -83,7 +86,7 @@ def errors(courses: Courses, rms: Mapping[str, Mapping[str, float]], inflated: M
                 sheet.quiet(panel, "y")
     figure.align_ylabels()
     titles = [method if row == 0 else "" for row in range(len(cases)) for method in methods]
-    sheet.letters(panels.ravel(), titles)
+    sheet.letters(list(panels.flat), titles)
     sheet.legend(figure, entries, columns=len(entries))
     return figure
 
@@ -92,11 +95,12 @@ def coefficients(
     specific: Courses,
     rise: Courses,
     truth: Mapping[str, tuple[np.ndarray, np.ndarray]],
-    groups: Sequence[Sequence[str]],
+    groups: Mapping[str, Sequence[str]],
 ) -> Any:
     """k_t and m_t over the active samples with their truth: a column for each case, two rows for each group of methods.
 
-    specific : k_t, N/mm^2   rise : m_t   truth : of both by case, (active,)   groups : methods that share panels, by what they are
+    specific : k_t, N/mm^2   rise : m_t   truth : of both by case, (active,)
+    groups : methods that share panels, by what they are
     """
     methods = list(specific)
     cases = list(specific[methods[0]])
@@ -118,7 +122,7 @@ def coefficients(
                     step, course.mean, color=look.line, linewidth=0.7, zorder=3,
                     marker=look.marker, markersize=3, markevery=(first, MARKS), markeredgewidth=0,
                 )  # fmt: skip
-                entries[method] = (tube, line)
+                entries[f"{method} ± 2 sd of its own" if course.own else method] = (tube, line)
             (entries["truth"],) = panel.plot(
                 step, true[column], color=sheet.INK, linewidth=1.0, linestyle="--", zorder=4
             )
@@ -128,9 +132,9 @@ def coefficients(
                 sheet.quiet(panel, "y")
     figure.align_ylabels()
     titles = [f"{case}, {group}" if first else "" for group in groups for first in (True, False) for case in cases]
-    sheet.letters(panels.ravel(), titles)
-    order = [*methods, "truth"]
-    sheet.legend(figure, [(entries[name], name) for name in order if name in entries], columns=len(order))
+    sheet.letters(list(panels.flat), titles)
+    entries["truth"] = entries.pop("truth")  # last
+    sheet.legend(figure, [(handle, name) for name, handle in entries.items()], columns=len(entries))
     return figure
 
 

@@ -17,12 +17,12 @@ STEPS = np.arange(1, 1121)
 
 
 def courses(level, size):
-    """Of every method in every case; the last method is the same from every start."""
+    """Of every method in every case; IMM is the same from every start, and the smoother has a deviation of its own."""
     found = {}
     for number, method in enumerate(METHODS):
         wave = level + size * np.sin(STEPS / (20 + 7 * number))
-        deviation = np.full(len(STEPS), 0.0 if method == "smoother" else size / 3)
-        found[method] = {case: Course(wave, deviation) for case in CASES}
+        deviation = np.full(len(STEPS), 0.0 if method == "IMM" else size / 3)
+        found[method] = {case: Course(wave, deviation, own=method == "smoother") for case in CASES}
     return found
 
 
@@ -94,8 +94,15 @@ def test_methods_are_as_dark_as_thin_lines_need():
 
 def test_a_method_without_scatter_has_no_tube_in_the_errors(figures):
     panels = np.reshape(figures["errors"].axes, (3, 5))
-    assert all(len(panel.collections) == 0 for panel in panels[1:, 4])
+    assert all(len(panel.collections) == 0 for panel in panels[1:, 3])
     assert all(len(panel.collections) == 1 for panel in panels[1:, 0])
+
+
+def test_whose_deviation_it_is_is_said(figures):
+    for figure in figures.values():
+        told = [text.get_text() for text in figure.legends[0].get_texts()]
+        assert any("smoother" in text and "of its own" in text for text in told)
+        assert not any("IMM" in text and "of its own" in text for text in told)
 
 
 def test_inflations_are_marked_where_they_are(figures):
