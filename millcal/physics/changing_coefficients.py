@@ -89,13 +89,30 @@ def force_series(
     if isinstance(law, LinearEdge):
         basis = force_basis(linear_edge_functions, cutter, conditions, harmonics)  # (axis, direction, function, k)
         of_each = np.concatenate([basis[:, :, 1], basis[:, :, 0]], axis=1)
-        return ForceSeries(np.moveaxis(of_each, 1, 0), np.concatenate([first, last]))
+        return _merged(np.moveaxis(of_each, 1, 0), np.concatenate([first, last]))
     nodes = [_nodes(float(rise.min()), float(rise.max())) for rise in last]
     basis = force_basis(kienzle_functions(np.concatenate(nodes)), cutter, conditions, harmonics)
     direction = np.repeat(np.arange(3), [len(values) for values in nodes])
     series = [basis[:, d, function] for function, d in enumerate(direction)]
     weights = [k * share for k, rise, at in zip(first, last, nodes, strict=True) for share in _shares(at, rise)]
-    return ForceSeries(np.array(series), np.array(weights))
+    return _merged(np.array(series), np.array(weights))
+
+
+def _merged(harmonics: np.ndarray, weights: np.ndarray) -> ForceSeries:
+    """Series whose weights change alike are one: wear that raises all coefficients by one share costs no more than none."""
+    groups: list[list[int]] = []
+    courses: list[np.ndarray] = []
+    for i, weight in enumerate(weights):
+        scale = weight[np.argmax(np.abs(weight))]
+        course = weight / scale if scale != 0 else np.zeros_like(weight)
+        same = next((k for k, other in enumerate(courses) if np.allclose(course, other, rtol=0, atol=1e-14)), None)
+        if same is None:
+            groups.append([])
+            courses.append(course)
+        groups[same if same is not None else -1].append(i)
+    size = np.array([weight[np.argmax(np.abs(weight))] for weight in weights])
+    merged = [np.tensordot(size[group], harmonics[group], axes=1) for group in groups]
+    return ForceSeries(np.array(merged), np.array(courses))
 
 
 def _nodes(low: float, high: float) -> np.ndarray:

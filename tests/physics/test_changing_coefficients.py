@@ -40,9 +40,18 @@ def test_the_weighted_series_are_the_force_of_the_law_at_each_instant(law):
 @pytest.mark.parametrize("law", [LINEAR, KIENZLE])
 def test_without_any_change_it_is_the_plain_force(law):
     series = force_series(law, Trend(), CUTTER, DOWN, 20, TIME)
-    assert len(series.harmonics) == (6 if law is LINEAR else 3)
     expected = force_harmonics(law, CUTTER, DOWN, 20)
     assert np.einsum("s,sak->ak", series.weights[:, 3], series.harmonics) == pytest.approx(expected)
+
+
+def test_series_that_change_alike_are_one():
+    alike = (((1.0, 1.0), (5.0, 1.2)),) * 3
+    assert len(force_series(LINEAR, Trend(drift=alike), CUTTER, DOWN, 5, TIME).harmonics) == 1
+    assert len(force_series(KIENZLE, Trend(drift=alike), CUTTER, DOWN, 5, TIME).harmonics) == 1
+    assert len(force_series(LINEAR, Trend(drift=alike, shape=alike), CUTTER, DOWN, 5, TIME).harmonics) == 2
+    assert (
+        len(force_series(LINEAR, WEAR, CUTTER, DOWN, 5, TIME).harmonics) == 5
+    )  # a does not change: both its series are one
 
 
 def test_edge_coefficients_take_drift_and_shape_together():

@@ -1,6 +1,7 @@
 """A cut sample by sample, against its truth: where it begins and ends, where the spindle stands, what is taken out."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ LAW = Kienzle(np.array([1500e6, 420e6, 240e6]), np.array([0.21, 0.46, 0.34]))
 MARK = np.radians(25)
 
 
+@cache
 def a_cut(
     seconds=1.5, *, rate=5000.0, air=0.4, ramp=0.1, noise=8.0, variation=0.0, drift=None, chip=None, seed=0, **more
 ):
