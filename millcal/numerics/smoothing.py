@@ -43,6 +43,7 @@ PASSES = 20  # of Gauss-Newton at most
 HALVINGS = 8
 SLOW = 0.03  # scale of a trend that cannot swallow a jump
 MOST_JUMPS = 8
+AT_ODDS = 3.5  # standard deviations by which a block's own residual may exceed what is usual
 LEAST_WEIGHT = 1e-6  # of a scale, to be counted in the average
 DOUBT = 3.0  # a guess of the evidence that misses by less than this is worth a fit
 REACH = 60  # steps to either side over which the place of a jump is refined
@@ -417,38 +418,57 @@ def smooth(
     if limits is not None:
         models = [model._replace(limits=np.asarray(limits)) for model in models]
     coarse = problem._replace(block=blocks_of(problem.time, block, breaks)) if block > 1 else problem
-    blocks = int(coarse.block[-1]) + 1
     fits: dict[str, TrendFit] = {}
     for number, model in enumerate(models):
         tell(number / len(models) * 0.8, f"{model.name} trend")
-        x = None if start is None else np.tile(model.begin(start), (blocks, 1))
+        x = None if start is None else np.tile(model.begin(start), (int(coarse.block[-1]) + 1, 1))
         fit = likeliest(fit_at(coarse, model, usual_scales(model), start=x))
         if jumps:
             tell((number + 0.4) / len(models) * 0.8, f"{model.name} trend, jumps")
+            at_odds = _at_odds(fit) if number == 0 else np.zeros(0, np.int64)
+            if len(at_odds):
+                fit = likeliest(_reblocked(fit, np.isin(coarse.block, at_odds)), 1)
+                coarse = fit.problem
             fit = find_jumps(fit, reach=max(1, -(-REACH // block)))
         fits[model.name] = fit
     best = max(fits.values(), key=lambda fit: fit.evidence)
-    if blocks < len(problem.time) and (best.jumps or len(problem.time) <= finest):
+    if coarse.block[-1] + 1 < len(problem.time) and (best.jumps or len(problem.time) <= finest):
         tell(0.8, "to the sample")
-        best = _sharpened(best, problem, len(problem.time) <= finest)
+        best = _sharpened(best, len(problem.time) <= finest)
     tell(0.9, "averaging over the scales")
     mean, covariance = averaged(best)
     evidence = {name: fit.evidence for name, fit in fits.items()}
     return Trajectory(best, mean, covariance, evidence, fits)
 
 
-def _sharpened(fit: TrendFit, problem: Problem, every: bool) -> TrendFit:
-    """The same fit with a block for every step, or only for those near a jump, so that the jump comes to its step."""
+def _at_odds(fit: TrendFit) -> np.ndarray:
+    """Blocks that no parameters explain as others are explained: there may be a jump within.   returns blocks, sorted"""
+    count = np.bincount(fit.problem.block)
+    if count.max() == 1:
+        return np.zeros(0, np.int64)
+    freedom = count * fit.problem.measured.shape[1] - len(fit.model.limits)
+    unexplained = fit.seen.value[:, -1] ** 2
+    usual = np.median(unexplained[freedom > 0] / freedom[freedom > 0]) if np.any(freedom > 0) else 1.0
+    return np.flatnonzero((freedom > 0) & (unexplained / usual > freedom + AT_ODDS * np.sqrt(2 * np.abs(freedom))))
+
+
+def _reblocked(fit: TrendFit, alone: np.ndarray) -> TrendFit:
+    """The same fit with a block of its own for some steps.   alone : (step,) bool"""
     old = fit.problem.block
-    first = np.flatnonzero(np.diff(old, prepend=-1))
-    opens = np.full(len(old), every)
-    opens[first] = True
-    for at in first[list(fit.jumps)]:
-        opens[max(at - REACH, 0) : at + REACH + 1] = True
+    first = np.diff(old, prepend=-1) != 0
+    opens = first | alone | np.concatenate([[False], alone[:-1]])
     block = np.cumsum(opens) - 1
-    jumps = tuple(int(block[at]) for at in first[list(fit.jumps)])
-    state = fit.state[old[np.flatnonzero(opens)]]
-    best = fit_at(problem._replace(block=block), fit.model, fit.scales, jumps, start=state)
+    jumps = tuple(int(block[at]) for at in np.flatnonzero(first)[list(fit.jumps)])
+    problem = fit.problem._replace(block=block)
+    return fit_at(problem, fit.model, fit.scales, jumps, start=fit.state[old[opens]])
+
+
+def _sharpened(fit: TrendFit, every: bool) -> TrendFit:
+    """The same fit with a block for every step, or only for those near a jump, so that the jump comes to its step."""
+    alone = np.full(len(fit.problem.block), every)
+    for at in np.searchsorted(fit.problem.block, fit.jumps):
+        alone[max(at - REACH, 0) : at + REACH + 1] = True
+    best = _reblocked(fit, alone)
     if best.jumps:
         best = _pruned(_refined(best, REACH))
     return likeliest(best, 1)
