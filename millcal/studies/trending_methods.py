@@ -39,10 +39,13 @@ def ensembles(seed: int, starts: int) -> np.ndarray:
 
 
 def perturbations(seed: int, starts: int) -> Iterator[np.ndarray]:
-    """What perturbs the measurements of each start, the same for every case and every setting.   yields (active, member, 2)"""
-    shape = np.empty((np.count_nonzero(geometry().active), MEMBERS, 2))
+    """What perturbs the measurements of each start, the same for every case and every setting.
+
+    yields (active, member, 2), one array that each start fills anew
+    """
+    normals = np.empty((np.count_nonzero(geometry().active), MEMBERS, 2))
     for number in range(starts):
-        yield np.random.default_rng([seed, 2, number]).standard_normal(out=shape)
+        yield np.random.default_rng([seed, 2, number]).standard_normal(out=normals)
 
 
 def inflation_of(step: int, divisor: float) -> Inflation:
