@@ -4,6 +4,9 @@
     hits on the dynamometer -> sensor ----------^             |
     impact tests -> frf -> modes (or modes by hand) ----------^
 
+Methods that follow coefficients through a cut take its samples in place of what conditioning makes of them, and leave a
+history: the map stands on where it ends.
+
 A recipe may leave stages out; what is left out for a reason of the recipe is said in a notice. The map stands on the FRF,
 as it was measured and with its noise, unless its window or the record's end has bent it, or the recipe says otherwise. The
 folder takes its place as a whole at the end (`io.replacing`), so that a run that is killed leaves the old result or none.
@@ -14,13 +17,25 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from millcal.data import Coefficients, CutForce, Frf, Modes, Notice, Record, Recording
+from millcal.data import (
+    CoefficientHistory,
+    Coefficients,
+    CutForce,
+    CutSamples,
+    Frf,
+    Modes,
+    Notice,
+    Record,
+    Recording,
+)
 from millcal.errors import IllPosedError, MillcalError, RecipeError, RecordingError
+from millcal.io.history_table import write_history_table
 from millcal.io.provenance import provenance
 from millcal.io.recipe_tables import FrfTable
 from millcal.io.recipes import Impact, Recipe
@@ -29,8 +44,9 @@ from millcal.io.replacing import replaced_folder, tidy_remains
 from millcal.io.results import read_result, write_result, write_results, write_text_atomically
 from millcal.io.summaries import summarise, summarise_notices, value_at, without_nan
 from millcal.report.page import render
-from millcal.stages.coefficients import fit_coefficients
+from millcal.stages.coefficients.choice import follows, identify_coefficients, own_options
 from millcal.stages.conditioning import condition_cut
+from millcal.stages.conditioning.samples import sample_cut
 from millcal.stages.frf import estimate_frf
 from millcal.stages.modes import corrected_frf, fit_modes
 from millcal.stages.stability import map_stability
@@ -39,7 +55,8 @@ from millcal.stages.stability_dynamics import advise
 Progress = Callable[[float, str], None]  # share done in 0..1, what is being done
 
 RECORD_FILES = {name: f"{name}.h5" for name in ("frf", "sensor", "modes", "coefficients", "stability")}
-FILES = ("cuts.h5", *RECORD_FILES.values(), "summary.json", "report.html")
+HISTORY_TABLE = "history.csv"
+FILES = ("cuts.h5", *RECORD_FILES.values(), HISTORY_TABLE, "summary.json", "report.html")
 
 
 @dataclass(frozen=True)
@@ -47,7 +64,9 @@ class PipelineResult:
     """What a run found, or why it did not run."""
 
     summary: dict[str, Any]  # what summary.json holds
-    results: dict[str, Any] = field(default_factory=dict)  # cuts (tuple), frf, sensor, modes, coefficients, stability
+    results: dict[str, Any] = field(
+        default_factory=dict
+    )  # cuts or samples (tuples), frf, sensor, modes, coefficients, ...
     notices: tuple[Notice, ...] = ()
     provenance: dict[str, Any] = field(default_factory=dict)
     skipped: bool = False  # the recipe's recordings are absent
@@ -90,17 +109,14 @@ def _stages(recipe: Recipe, seed: int, progress: Progress) -> tuple[dict[str, An
     results: dict[str, Any] = {}
     recordings: list[dict[str, Any]] = []
     notices: list[Notice] = []
-    taken: list[tuple[float, float]] = [
-        (0.0, 0.45),
-        (0.45, 0.55),
-        (0.55, 0.7),
-        (0.7, 0.8),
-        (0.8, 0.9),
-        (0.9, 1.0),
-    ]  # shares of the progress
+    following = bool(recipe.cuts) and follows(recipe.coefficients.method)
+    ends = (0.0, 0.1, 0.15, 0.2, 0.2, 0.9, 1.0) if following else (0.0, 0.45, 0.55, 0.7, 0.8, 0.9, 1.0)
+    taken = list(pairwise(ends))  # shares of the progress
 
     if recipe.cuts:
-        results["cuts"] = _cuts(recipe, _part(progress, *taken[0]), recordings, notices)
+        _check_options(recipe)
+        cuts = _cuts(recipe, _part(progress, *taken[0]), recordings, notices)
+        results["samples" if following else "cuts"] = cuts
     if recipe.impact:
         results["frf"] = _frf(recipe.impact, recipe.frf, _part(progress, *taken[1]), recordings, notices)
         _modes(recipe, results, _part(progress, *taken[2]), notices)
@@ -113,8 +129,13 @@ def _stages(recipe: Recipe, seed: int, progress: Progress) -> tuple[dict[str, An
         )
     if recipe.cuts:
         progress(taken[4][0], "coefficients")
-        sensor = read_result(recipe.sensor, Frf) if recipe.sensor else results.get("sensor")
-        results["coefficients"] = fit_coefficients(results["cuts"], sensor=sensor, **recipe.coefficients.arguments())
+        results["coefficients"] = identify_coefficients(
+            cuts,
+            sensor=read_result(recipe.sensor, Frf) if recipe.sensor else results.get("sensor"),
+            rng=np.random.default_rng(seed),
+            progress=_part(progress, *taken[4]),
+            **recipe.coefficients.arguments(),
+        )
         notices += results["coefficients"].notices
     if recipe.stability:
         dynamics = _dynamics(recipe, results, notices)
@@ -136,12 +157,39 @@ def _stages(recipe: Recipe, seed: int, progress: Progress) -> tuple[dict[str, An
     return results, recordings, list(dict.fromkeys(notices))
 
 
-def _cuts(recipe: Recipe, progress: Progress, recordings: list, notices: list[Notice]) -> tuple[CutForce, ...]:
-    """Read and condition the cuts, one at a time."""
-    forces = []
+def _check_options(recipe: Recipe) -> None:
+    """Refuse options that do not go with the method before anything is read."""
+    given = recipe.coefficients.arguments()
+    own_options(given.pop("method"), sensor=bool(recipe.sensor or recipe.sensor_test), **given)
+    method = recipe.coefficients.method
+    if not follows(method):
+        return
+    if recipe.conditioning.lowpass_hz is not None:
+        raise RecipeError(
+            f"conditioning.lowpass_hz: smooths the force, and method {method} needs it as it was measured; leave it out, or "
+            "if the amplifier has such a low-pass, state coefficients.chain_lowpass_hz"
+        )
+    if "harmonics" in recipe.conditioning.model_fields_set:
+        raise RecipeError(f"conditioning.harmonics: method {method} takes every sample and no harmonics; leave it out")
+
+
+def _cuts(
+    recipe: Recipe, progress: Progress, recordings: list, notices: list[Notice]
+) -> tuple[CutForce, ...] | tuple[CutSamples, ...]:
+    """Read the cuts one at a time, and condition them, or take their samples where the method follows those."""
+    following = follows(recipe.coefficients.method)
+    found: list[Any] = []
     for number, entry in enumerate(recipe.cuts):
         part = _part(progress, number / len(recipe.cuts), (number + 1) / len(recipe.cuts), entry.recording.name)
-        setup = replace(recipe.setup, conditions=entry.conditions, steady=entry.steady, air=entry.air)
+        setup = replace(
+            recipe.setup,
+            conditions=entry.conditions,
+            steady=entry.steady,
+            air=entry.air,
+            engagement=entry.engagement,
+            path_start=entry.path_start,
+            spindle_phase=entry.spindle_phase,
+        )
         recording = read_recording(entry.recording, setup=setup, progress=_part(part, 0.0, 0.5))
         _note(recording, entry.recording, recordings, notices)
         if recording.cutter is None or recording.conditions is None:
@@ -150,16 +198,14 @@ def _cuts(recipe: Recipe, progress: Progress, recordings: list, notices: list[No
                 f"{recipe.where(f'cuts.{number}')}: no {missing}, neither here nor in {entry.recording}; "
                 f"add a [{missing}] table"
             )
-        force = condition_cut(
-            recording,
-            steady=entry.steady,
-            air=entry.air,
-            progress=_part(part, 0.5, 1.0),
-            **recipe.conditioning.arguments(),
+        bar = _part(part, 0.5, 1.0)
+        found.append(
+            sample_cut(recording, offset=recipe.conditioning.offset, progress=bar)
+            if following
+            else condition_cut(recording, progress=bar, **recipe.conditioning.arguments())
         )
-        notices += force.notices
-        forces.append(force)
-    return tuple(forces)
+        notices += found[-1].notices
+    return tuple(found)
 
 
 def _frf(
@@ -212,7 +258,7 @@ def _note(recording: Recording, path: Path, recordings: list, notices: list[Noti
     notices += recording.notices
 
 
-def _why_no_map(coefficients: Coefficients | None, dynamics: Frf | Modes | None) -> str:
+def _why_no_map(coefficients: Coefficients | CoefficientHistory | None, dynamics: Frf | Modes | None) -> str:
     """What a stability map lacks, empty when nothing."""
     if coefficients is None:
         return "no map, because no cuts give coefficients; add [[cuts]]"
@@ -226,7 +272,7 @@ def _why_no_map(coefficients: Coefficients | None, dynamics: Frf | Modes | None)
     return ""
 
 
-def _map_arguments(recipe: Recipe, coefficients: Coefficients) -> dict[str, Any]:
+def _map_arguments(recipe: Recipe, coefficients: Coefficients | CoefficientHistory) -> dict[str, Any]:
     """Options of the map; what the recipe does not say is that of the cuts, where they agree."""
     options = recipe.stability.arguments()
     cutter, cuts = coefficients.cutter, coefficients.conditions
@@ -271,12 +317,13 @@ def _summary(
         "expect": [],
         "report": "report.html",
         **{key: fit.pop(key, None) for key in ("method", "law", "r2", "residual_rms_N", "checks")},
+        **{key: fit.pop(key) for key in ("slope_percent_per_min", "jumps") if key in fit},  # of a history
         "fit": fit or None,
         "stability": chart or None,
         "modal_fit": modes or None,
         "frf": summarise(results["frf"]) if "frf" in results else None,
         "sensor": summarise(results["sensor"]) if "sensor" in results else None,
-        "cuts": [summarise(cut) for cut in results.get("cuts", ())],
+        "cuts": [summarise(cut) for key in ("cuts", "samples") for cut in results.get(key, ())],
         "recordings": recordings,
         **summarise_notices(notices),
         "provenance": origin,
@@ -307,6 +354,8 @@ def _write(folder: Path, results: Mapping[str, Any], summary: dict[str, Any], or
     for name, file in RECORD_FILES.items():
         if isinstance(results.get(name), Record):
             write_result(folder / file, results[name], provenance=origin)
+    if isinstance(results.get("coefficients"), CoefficientHistory):
+        write_history_table(folder / HISTORY_TABLE, results["coefficients"])
     text = json.dumps(summary, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     write_text_atomically(folder / "summary.json", text)
     write_text_atomically(folder / "report.html", render(results, summary, origin))

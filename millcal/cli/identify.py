@@ -1,24 +1,39 @@
 """Cutting coefficients from dynamometer cuts: `millcal identify`."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from millcal.cli.speak import Json, NoSeed, Quiet, check_files, keep_and_reply, pairs, progress_bar
+from millcal.cli.speak import Json, Quiet, Seed, check_files, keep_and_reply, pairs, progress_bar
 
-METHODS = ("nls", "average")  # those of the stage, which --help must not import; a test keeps them equal
+# those of the stage, which --help must not import; a test keeps them equal
+METHODS = ("nls", "average", "smooth", "imm", "rls", "enkf", "enkf-inflated")
+FOLLOWING = METHODS[2:]
 LAWS = ("linear-edge", "kienzle")
+FIGURES = (".png", ".svg", ".pdf")
 
 
 def identify(
-    recordings: Annotated[list[Path], typer.Argument(metavar="CUT...", help="Recordings of cuts, one feed each.")],
+    recordings: Annotated[list[Path], typer.Argument(metavar="CUT...", help="Recordings of cuts.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Result file, HDF5.")],
     method: Annotated[
-        str, typer.Option("--method", help="nls: force within the revolution; average: mean forces.")
-    ] = "nls",
-    law: Annotated[str, typer.Option("--law", help="linear-edge, or kienzle (nls only).")] = "linear-edge",
+        str | None,
+        typer.Option(
+            "--method",
+            help="nls (default): force within the revolution; average: mean forces; and those that follow coefficients "
+            "through the cut: smooth, imm, rls, enkf, enkf-inflated.",
+        ),
+    ] = None,
+    trend: Annotated[
+        bool, typer.Option("--trend", help="Coefficients that change: method smooth, or imm with --causal.")
+    ] = False,
+    causal: Annotated[
+        bool, typer.Option("--causal", help="In the order of time, without looking ahead: method imm.")
+    ] = False,
+    law: Annotated[str, typer.Option("--law", help="linear-edge, or kienzle (not average).")] = "linear-edge",
     setup: Annotated[
         Path | None, typer.Option("--setup", help="SETUP.toml with [cutter], [conditions], [map], [units].")
     ] = None,
@@ -46,7 +61,56 @@ def identify(
         Path | None, typer.Option("--sensor", help="FRF of the dynamometer, force over force, a result file (nls).")
     ] = None,
     lowpass_hz: Annotated[
-        float | None, typer.Option("--lowpass-hz", help="Zero-phase low-pass before all else.")
+        float | None, typer.Option("--lowpass-hz", help="Zero-phase low-pass before all else (nls, average).")
+    ] = None,
+    runout: Annotated[
+        str, typer.Option("--runout", help="fit, or known: the cutter's own, also none (following).")
+    ] = "fit",
+    chain_lowpass_hz: Annotated[
+        float | None,
+        typer.Option("--chain-lowpass-hz", help="Butterworth low-pass that the force went through (following)."),
+    ] = None,
+    chain_lowpass_order: Annotated[
+        int, typer.Option("--chain-lowpass-order", min=1, max=8, help="Order of that low-pass.")
+    ] = 2,
+    bounds: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--bounds", metavar="kt=500:2500", help="What is known of a coefficient beforehand, N/mm2 (following)."
+        ),
+    ] = None,
+    jumps: Annotated[
+        bool, typer.Option("--jumps/--no-jumps", help="Look for sudden changes, a chipped edge (smooth).")
+    ] = True,
+    forgetting: Annotated[
+        float, typer.Option("--forgetting", help="Share of the past that each sample keeps (rls).")
+    ] = 0.98,
+    members: Annotated[int, typer.Option("--members", min=10, help="Members of the ensemble (enkf).")] = 100,
+    inflate_every: Annotated[
+        int, typer.Option("--inflate-every", min=1, help="Updates between two inflations (enkf-inflated).")
+    ] = 50,
+    inflation: Annotated[
+        float, typer.Option("--inflation", min=1.0, help="The first covariance divided by this is the inflation.")
+    ] = 10.0,
+    engagement: Annotated[
+        list[Path] | None,
+        typer.Option("--engagement", help="Engagement table, CSV, along the path: one, or one for each cut in turn."),
+    ] = None,
+    path_start_s: Annotated[
+        list[float] | None, typer.Option("--path-start-s", help="When that path begins: one, or one for each cut.")
+    ] = None,
+    spindle_phase_deg: Annotated[
+        list[float] | None,
+        typer.Option(
+            "--spindle-phase-deg",
+            help="Angle of tooth 0 at the pulse, the encoder's zero or the first sample: one, or one for each cut.",
+        ),
+    ] = None,
+    table: Annotated[
+        Path | None, typer.Option("--csv", help="Table of the coefficients over time to write (following).")
+    ] = None,
+    figure: Annotated[
+        Path | None, typer.Option("--figure", help="Figure of them to write, .png, .svg or .pdf (following).")
     ] = None,
     maps: Annotated[
         list[str] | None, typer.Option("--map", metavar="fx=+Fy", help="Tool axis = signed column.")
@@ -57,73 +121,219 @@ def identify(
     ] = None,
     as_json: Json = False,
     quiet: Quiet = False,
-    seed: NoSeed = 0,
+    seed: Seed = 0,
 ) -> None:
-    """Cutting coefficients from dynamometer cuts, with intervals, checks and a verdict.
+    """Cutting coefficients from dynamometer cuts, with intervals, checks and a verdict; with --trend as they change in the cut.
 
     Example: millcal identify slot_f*.h5 --method nls -o coefficients.h5
+
+    Example: millcal identify long-cut.h5 --trend --law kienzle --csv history.csv -o coefficients.h5
     """
-    if method not in METHODS:
-        raise typer.BadParameter(f"{method!r} is not known; there are: {', '.join(METHODS)}", param_hint="--method")
-    if law not in LAWS:
-        raise typer.BadParameter(f"{law!r} is not known; there are: {', '.join(LAWS)}", param_hint="--law")
+    method = _method(method, trend, causal)
+    following = method in FOLLOWING
+    _choice("--law", law, LAWS)
+    _choice("--runout", runout, ("fit", "known"))
     if feed_per_tooth_mm and len(feed_per_tooth_mm) != len(recordings):
         raise typer.BadParameter(f"{len(feed_per_tooth_mm)} feeds for {len(recordings)} recordings; give one for each")
     if feed_per_tooth_mm and min(feed_per_tooth_mm) <= 0:
         raise typer.BadParameter("a feed per tooth is above zero", param_hint="--feed-per-tooth-mm")
+    if not 0 < forgetting <= 1:
+        raise typer.BadParameter(f"{forgetting:g} is not above 0 and at most 1", param_hint="--forgetting")
+    if chain_lowpass_hz is not None and not chain_lowpass_hz > 0:
+        raise typer.BadParameter(f"{chain_lowpass_hz:g} is not above 0", param_hint="--chain-lowpass-hz")
+    if figure is not None and figure.suffix.lower() not in FIGURES:
+        raise typer.BadParameter(
+            f"{figure} does not say its format; end it with {', '.join(FIGURES)}", param_hint="--figure"
+        )
+    number = len(recordings)
+    tables = _each(engagement, number, "--engagement")
+    starts = _each(path_start_s, number, "--path-start-s")
+    phases = _each(spindle_phase_deg, number, "--spindle-phase-deg")
+    check_files([*recordings, setup, sensor, *(engagement or ())], [output, table, figure], once=False)
+    known = _bounds(bounds)
 
-    check_files([*recordings, setup, sensor], [output], once=False)
+    import numpy as np
+
     from millcal.data import Frf
     from millcal.errors import RecipeError
-    from millcal.io.recipes import read_setup
-    from millcal.io.recordings import read_recording
+    from millcal.io.recipe_tables import bounds_in_si
     from millcal.io.results import read_result
-    from millcal.stages.coefficients import fit_coefficients
+    from millcal.stages.coefficients.choice import identify_coefficients, own_options
     from millcal.stages.conditioning import condition_cut
+    from millcal.stages.conditioning.samples import sample_cut
     from millcal.units import from_shop
 
-    feeds: list[float | None] = [*feed_per_tooth_mm] if feed_per_tooth_mm else [None] * len(recordings)
-    cuts, notices = [], []
+    options: dict[str, Any] = {
+        "law": law,
+        "rows": rows,
+        "taper": taper,
+        "harmonics": harmonics,
+        "contact_loss": contact_loss,
+        "mean_weight": mean_weight,
+        "runout": runout,
+        "chain_lowpass": chain_lowpass_hz,
+        "chain_lowpass_order": chain_lowpass_order,
+        "bounds": bounds_in_si(known),
+        "jumps": jumps,
+        "forgetting": forgetting,
+        "members": members,
+        "inflate_every": inflate_every,
+        "inflation": inflation,
+    }
+    own_options(method, sensor=sensor is not None, **options)  # before anything is read
+    if following and lowpass_hz is not None:
+        raise RecipeError(
+            f"--lowpass-hz: smooths the force, and method {method} needs it as it was measured; leave it out, or if the "
+            "amplifier has such a low-pass, give --chain-lowpass-hz"
+        )
+    for option, given in {
+        "--csv": table,
+        "--figure": figure,
+        "--engagement": engagement,
+        "--path-start-s": path_start_s,
+        "--spindle-phase-deg": spindle_phase_deg,
+    }.items():
+        if given and not following:
+            raise RecipeError(f"{option}: goes with {', '.join(FOLLOWING)}, not {method}; leave it out, or add --trend")
+
+    feeds: list[float | None] = [*feed_per_tooth_mm] if feed_per_tooth_mm else [None] * number
+    cuts: list[Any] = []
+    notices: list[Any] = []
+    read_share = 0.1 if following else 0.9
     with progress_bar(quiet) as progress:
-        for number, (path, feed) in enumerate(zip(recordings, feeds, strict=True)):
-            progress(number / len(recordings), path.name)
-            stated = read_setup(setup, feed_per_tooth_mm=feed) if setup else None
-            recording = read_recording(
-                path, setup=stated, map=pairs(maps, "--map"), units=pairs(units, "--unit"), rate_hz=rate_hz
+        for i, path in enumerate(recordings):
+            progress(read_share * i / number, path.name)
+            recording = _recording(
+                path,
+                setup,
+                feed=feeds[i],
+                engagement=tables[i],
+                path_start=starts[i],
+                spindle_phase=None if phases[i] is None else from_shop(phases[i], "x_deg"),
+                map=pairs(maps, "--map"),
+                units=pairs(units, "--unit"),
+                rate_hz=rate_hz,
             )
             notices += recording.notices
-            conditions = recording.conditions
-            for missing, value in (("cutter", recording.cutter), ("conditions", conditions)):
-                if value is None:
-                    raise RecipeError(f"{path}: no {missing} known; give --setup SETUP.toml with a [{missing}] table")
-            if feed is not None:
-                conditions = replace(conditions, feed_per_tooth=from_shop(feed, "x_mm"))
-            cut = condition_cut(
-                replace(recording, conditions=conditions),
-                steady=recording.steady,
-                air=recording.air,
-                lowpass=lowpass_hz,
-            )
-            notices += cut.notices
-            cuts.append(cut)
-        progress(0.9, "coefficients")
-        found = fit_coefficients(
+            cuts.append(sample_cut(recording) if following else condition_cut(recording, lowpass=lowpass_hz))
+            notices += cuts[-1].notices
+        found = identify_coefficients(
             cuts,
             method=method,
-            law=law,
-            rows=rows,
-            taper=taper,
-            harmonics=harmonics,
-            contact_loss=contact_loss,
-            mean_weight=mean_weight,
+            **options,
             sensor=read_result(sensor, Frf) if sensor else None,
+            rng=np.random.default_rng(seed),
+            progress=lambda share, label: progress(read_share + (1 - read_share) * share, label),
         )
     keep_and_reply(
         "identify",
         found,
         output,
-        read=[*recordings, setup, sensor],
+        read=[*recordings, setup, sensor, *(engagement or ())],
         notices=[*notices, *found.notices],
+        seed=seed,
+        more=_drawn(found, table, figure),
         as_json=as_json,
         quiet=quiet,
     )
+
+
+def _method(method: str | None, trend: bool, causal: bool) -> str:
+    """What --method, --trend and --causal mean together."""
+    if method is not None:
+        _choice("--method", method, METHODS)
+    by_flags = "imm" if causal else "smooth" if trend else None
+    if method is None:
+        return by_flags or "nls"
+    if trend and method not in FOLLOWING:
+        raise typer.BadParameter(f"--trend follows coefficients that change, and --method {method} does not; keep one")
+    if causal and method not in FOLLOWING[1:]:
+        raise typer.BadParameter(
+            f"--causal goes in the order of time, and --method {method} does not; keep one, or choose imm"
+        )
+    return method
+
+
+def _choice(option: str, value: str, choices: Sequence[str]) -> None:
+    if value not in choices:
+        raise typer.BadParameter(f"{value!r} is not known; there are: {', '.join(choices)}", param_hint=option)
+
+
+def _each(values: Sequence[Any] | None, number: int, option: str) -> list[Any]:
+    """One value for each recording: as many as there are, one for all, or none."""
+    if not values:
+        return [None] * number
+    if len(values) not in (1, number):
+        raise typer.BadParameter(
+            f"{len(values)} values for {number} recordings; give one for all or one for each", param_hint=option
+        )
+    return [*values] * (number // len(values))
+
+
+def _bounds(items: Sequence[str] | None) -> dict[str, tuple[float, float]] | None:
+    """`kt=500:2500` and `mt=0.1:0.7` as a recipe writes them: {"kt_N_per_mm2": (500, 2500), "mt": (0.1, 0.7)}."""
+    if not items:
+        return None
+    found = {}
+    for name, written in pairs(items, "--bounds").items():
+        low, colon, high = written.partition(":")
+        try:
+            pair = (float(low), float(high))
+        except ValueError:
+            colon = ""
+        if not colon or not 0 <= pair[0] < pair[1]:
+            raise typer.BadParameter(
+                f"{name}={written} is no NAME=LOW:HIGH with 0 <= LOW < HIGH", param_hint="--bounds"
+            )
+        known = [f"{letter}{d}{end}" for d in "tra" for letter, end in (("k", ""), ("m", ""), ("K", "c"), ("K", "e"))]
+        if name not in known:
+            raise typer.BadParameter(
+                f"{name!r} is no coefficient; there are: {', '.join(known)}", param_hint="--bounds"
+            )
+        unit = "" if name[0] == "m" else "_N_per_mm" if name[-1] == "e" else "_N_per_mm2"
+        found[name + unit] = pair
+    return found
+
+
+def _recording(
+    path: Path,
+    setup: Path | None,
+    *,
+    feed: float | None,
+    engagement: Path | None,
+    path_start: float | None,
+    spindle_phase: float | None,
+    **how: Any,
+) -> Any:
+    """A cut, with cutter and conditions, from its file, the setup and what the command line says besides."""
+    from millcal.errors import RecipeError
+    from millcal.io.engagement import read_engagement
+    from millcal.io.recipes import Setup, read_setup
+    from millcal.io.recordings import read_recording
+    from millcal.units import from_shop
+
+    stated = read_setup(setup, feed_per_tooth_mm=feed) if setup else Setup()
+    own = {"path_start": path_start, "spindle_phase": spindle_phase}
+    if engagement is not None:
+        own["engagement"] = read_engagement(engagement)
+    recording = read_recording(
+        path, setup=replace(stated, **{key: value for key, value in own.items() if value is not None}), **how
+    )
+    for missing, value in (("cutter", recording.cutter), ("conditions", recording.conditions)):
+        if value is None:
+            raise RecipeError(f"{path}: no {missing} known; give --setup SETUP.toml with a [{missing}] table")
+    if feed is None:
+        return recording
+    return replace(recording, conditions=replace(recording.conditions, feed_per_tooth=from_shop(feed, "x_mm")))
+
+
+def _drawn(found: Any, table: Path | None, figure: Path | None) -> dict[str, tuple[Path, bytes]]:
+    """What is written of a history besides its record."""
+    from millcal.io.history_table import history_table
+
+    files = {} if table is None else {"csv": (table, history_table(found).encode())}
+    if figure is not None:
+        from millcal.report.paper.history import history_file
+
+        files["figure"] = (figure, history_file(found, figure.suffix[1:].lower()))
+    return files

@@ -61,24 +61,31 @@ def keep_and_reply(
     read: Iterable[Path | None],
     notices: Iterable,
     seed: int = 0,
+    more: Mapping[str, tuple[Path, bytes]] | None = None,
     as_json: bool,
     quiet: bool,
 ) -> None:
     """Write the record a stage has found to its result file, and print it.
 
     read : the files it was made of   notices : all of the command, those of the record among them
+    more : files to write beside it, what it is -> (where, what it holds)
     """
     from millcal.io.provenance import provenance
     from millcal.io.readable import text_of
-    from millcal.io.results import write_result
+    from millcal.io.results import replaced_atomically, write_result
     from millcal.io.summaries import summarise
 
     origin = provenance([path for path in read if path is not None], seed=seed)
     write_result(output, record, provenance=origin)
+    more = more or {}
+    for path, content in more.values():
+        with replaced_atomically(path) as temporary:
+            temporary.write_bytes(content)
+    written = {what: str(path) for what, (path, _) in more.items()}
     reply(
         command,
-        text_of(record),
-        {**summarise(record), "output": str(output)},
+        "\n".join([text_of(record), *(f"{what}: {path}" for what, path in written.items())]),
+        {**summarise(record), "output": str(output), **written},
         inputs=origin["inputs"],
         notices=notices,
         as_json=as_json,

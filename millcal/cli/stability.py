@@ -144,7 +144,7 @@ def _choice(option: str, value: str | None, choices: tuple) -> None:
 
 def _cutting(coefficients: Path | None, ktc: float | None, krc: float | None, setup: Path | None) -> tuple:
     """Cutter, conditions of the cuts, coefficients and notices; the setup goes before the file of coefficients."""
-    from millcal.data import Coefficients, Notice
+    from millcal.data import CoefficientHistory, Coefficients, Notice
     from millcal.io.recipes import read_setup
     from millcal.io.results import read_result
     from millcal.units import from_shop
@@ -153,7 +153,7 @@ def _cutting(coefficients: Path | None, ktc: float | None, krc: float | None, se
     if coefficients is None:
         posterior = (from_shop(ktc, "Ktc_N_per_mm2"), from_shop(krc, "Krc_N_per_mm2"))
     else:
-        fit = read_result(coefficients, Coefficients)
+        fit = read_result(coefficients, (Coefficients, CoefficientHistory))
         posterior, cutter, cuts = fit.posterior, fit.cutter, fit.conditions
         if fit.verdict != "fits":
             notices.append(Notice("coefficients-doubtful", f"the coefficients: {fit.verdict}", str(coefficients)))

@@ -1,8 +1,10 @@
 """The tables of a recipe beside those it shares with a setup: one for each stage, its keys the stage's options."""
 
+import re
+from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import BeforeValidator, Field, field_validator
+from pydantic import AfterValidator, BeforeValidator, Field, field_validator
 
 from millcal.io.keys import (
     ConditionsTable,
@@ -17,8 +19,31 @@ from millcal.io.keys import (
     tuple_of,
 )
 from millcal.io.recipe_simulate import SimulateTable
+from millcal.units import from_shop
 
 Hit = Annotated[int, Field(ge=0)] | str
+_BOUNDED = re.compile(r"k[tra]_N_per_mm2|m[tra]|K[tra]c_N_per_mm2|K[tra]e_N_per_mm")
+
+
+def _of_coefficients(bounds: dict[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
+    for key, (low, _) in bounds.items():
+        if not _BOUNDED.fullmatch(key):
+            raise ValueError(
+                f"{key!r} is no coefficient with its unit; write for example kt_N_per_mm2, mt or Kte_N_per_mm"
+            )
+        if low < 0 or (low == 0 and key[0] != "m" and key[2] != "e"):
+            raise ValueError(f"{key} begins at {low:g}, and a tool that cuts has it above 0; raise the lower bound")
+    return bounds
+
+
+Bounds = Annotated[dict[str, Span], AfterValidator(_of_coefficients)]
+
+
+def bounds_in_si(bounds: Mapping[str, tuple[float, float]] | None) -> dict[str, tuple[float, float]] | None:
+    """Bounds of coefficients by their names alone, in SI: {"kt_N_per_mm2": (500, 900)} is {"kt": (5e8, 9e8)}."""
+    if bounds is None:
+        return None
+    return {key.split("_")[0]: (from_shop(low, key), from_shop(high, key)) for key, (low, high) in bounds.items()}
 
 
 class CutTable(ConditionsTable):
@@ -102,19 +127,57 @@ class CoefficientsTable(Table):
     """Options of the identification."""
 
     not_arguments: ClassVar = frozenset({"sensor"})
-    method: Literal["average", "nls"] = Field("nls", description="mean forces, or the force within the revolution")
+    method: Literal["nls", "average", "smooth", "imm", "rls", "enkf", "enkf-inflated"] = Field(
+        "nls",
+        description="nls: the force within the revolution; average: mean forces; the others follow coefficients that change "
+        "through the samples of each cut: smooth knows the whole record, imm, rls, enkf and enkf-inflated go in the order of time",
+    )
     law: Literal["linear-edge", "kienzle"] = Field("linear-edge", description="force law")
     rows: Literal["whole-revolutions", "all"] = Field(
-        "whole-revolutions", description="which samples the mean forces are taken over"
+        "whole-revolutions", description="which samples the mean forces are taken over (average)"
     )
-    taper: bool = Field(False, description="let the runout vary along the cutter")
-    harmonics: int | None = Field(None, ge=1, description="highest harmonic of the fit; chosen when absent")
+    taper: bool = Field(False, description="let the runout vary along the cutter (nls)")
+    harmonics: int | None = Field(None, ge=1, description="highest harmonic of the fit; chosen when absent (nls)")
     contact_loss: Literal["report", "fit", "off"] = Field(
         "report",
-        description="teeth that miss the cut by runout: report them, fit the runout with the coefficients, or off",
+        description="teeth that miss the cut by runout: report them, fit the runout with the coefficients, or off (average)",
     )
-    mean_weight: Positive = Field(5.0, description="weight of the mean force beside one harmonic")
-    sensor: str | None = Field(None, description="FRF file of the dynamometer, N/N; or give its tests in [sensor]")
+    mean_weight: Positive = Field(5.0, description="weight of the mean force beside one harmonic (nls)")
+    runout: Literal["fit", "known"] = Field(
+        "fit",
+        description="estimate the runout, or take the cutter's own for known, also where that is none (following)",
+    )
+    chain_lowpass_hz: Positive | None = Field(
+        None,
+        description="corner of the Butterworth low-pass that the force went through, which becomes part of the model, Hz "
+        "(following)",
+    )
+    chain_lowpass_order: int = Field(2, ge=1, le=8, description="order of that low-pass (following)")
+    bounds: Bounds | None = Field(
+        None,
+        description="what is known beforehand of coefficients, {kt_N_per_mm2 = [500, 2500], mt = [0.1, 0.7]}: both of a "
+        "direction or neither (following)",
+    )
+    chip_threshold_um: float = Field(
+        0.5, ge=0, description="mean chip below which a sample says nothing, um (following)"
+    )
+    jumps: bool = Field(True, description="look for sudden changes, such as a chipped edge (smooth)")
+    forgetting: float = Field(0.98, gt=0, le=1, description="share of the past that each sample keeps (rls)")
+    members: int = Field(100, ge=10, description="members of the ensemble (enkf, enkf-inflated)")
+    inflate_every: int = Field(50, ge=1, description="updates between two inflations of the ensemble (enkf-inflated)")
+    inflated_share: float = Field(
+        0.1, gt=0, le=1, description="share of the members that each inflation draws anew (enkf-inflated)"
+    )
+    inflation: float = Field(
+        10.0, ge=1, description="by what the first covariance is divided for these draws (enkf-inflated)"
+    )
+    nodes: int = Field(8, ge=2, le=64, description="Gauss nodes along each edge in contact (following)")
+    sensor: str | None = Field(
+        None, description="FRF file of the dynamometer, N/N; or give its tests in [sensor] (nls)"
+    )
+
+    def arguments(self) -> dict[str, Any]:
+        return {**super().arguments(), "bounds": bounds_in_si(self.bounds)}
 
 
 class StabilityTable(Table):

@@ -14,6 +14,7 @@ from millcal.data import (
     CoefficientHistory,
     Coefficients,
     CutForce,
+    CutSamples,
     Frf,
     Modes,
     Notice,
@@ -126,6 +127,27 @@ def _cut_force(cut: CutForce) -> dict[str, Any]:
             for p in cut.peaks
         ],
     }  # fmt: skip
+
+
+def _cut_samples(cut: CutSamples) -> dict[str, Any]:
+    length = cut.force.shape[1]
+    return {
+        "name": cut.name,
+        "conditions": keys_of(cut.cutter, cut.conditions),
+        "sample_rate_hz": cut.sample_rate,
+        "spindle_speed_rpm": known(60 * cut.spindle_frequency),
+        "revolutions": known(length * cut.spindle_frequency / cut.sample_rate),
+        "cut_s": [cut.start, cut.start + length / cut.sample_rate],
+        "angle_from": cut.angle_from,
+        "mean_N": _measured(cut, cut.force.mean(axis=1)),
+        "rms_N": _measured(cut, np.sqrt(np.mean(cut.force**2, axis=1))),
+    }
+
+
+def _measured(cut: CutSamples, values: np.ndarray) -> dict[str, float | None]:
+    """Of x, y and z, None for an axis that was not measured."""
+    found = dict(zip(cut.axes, values, strict=True))
+    return {axis: known(found.get(axis)) for axis in AXES}
 
 
 def _frf(frf: Frf) -> dict[str, Any]:
@@ -246,6 +268,7 @@ def _stability(found: StabilityMap) -> dict[str, Any]:
 _SUMMARIES: dict[type, Callable[[Any], dict[str, Any]]] = {
     Recording: _recording,
     CutForce: _cut_force,
+    CutSamples: _cut_samples,
     Frf: _frf,
     Modes: summarise_modes,
     Coefficients: _coefficients,

@@ -11,6 +11,7 @@ from millcal.cli import main
 from millcal.data import Coefficients
 from millcal.io.results import read_result
 from millcal.stages import coefficients as stage
+from millcal.stages.coefficients import choice, trends
 
 TRUTH = {"Ktc": 820, "Krc": 260, "Kac": 110, "Kte": 18, "Kre": 16, "Kae": 3}  # of the recordings in conftest
 
@@ -76,7 +77,9 @@ def test_what_cannot_be_done_is_one_line_and_leaves_no_file(run, tmp_path, argum
 
 
 def test_the_choices_of_the_command_are_those_of_the_stage():
-    assert set(command.METHODS) == set(stage.METHODS)
+    assert set(command.METHODS) == {*choice.FITTING, *choice.FOLLOWING}
+    assert set(choice.FITTING) == set(stage.METHODS)
+    assert set(command.FOLLOWING) == set(choice.FOLLOWING) == set(trends.METHODS)
     assert set(command.LAWS) == set(stage.LAW_NAMES)
     options = set(inspect.signature(command.identify).parameters)
     assert options >= set(inspect.signature(stage.fit_coefficients).parameters) - {"cuts"}

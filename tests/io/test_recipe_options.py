@@ -7,7 +7,7 @@ from typing import Literal, get_args, get_origin
 import pytest
 
 from millcal.io.recipe_tables import CoefficientsTable, ConditioningTable, FrfTable, ModesTable, StabilityTable
-from millcal.stages.coefficients import fit_coefficients
+from millcal.stages.coefficients.choice import identify_coefficients
 from millcal.stages.conditioning import condition_cut
 from millcal.stages.frf import estimate_frf
 from millcal.stages.modes import fit_modes
@@ -18,7 +18,7 @@ STAGES = {
     "conditioning": (ConditioningTable, condition_cut, {"steady", "air", "progress"}),
     "frf": (FrfTable, estimate_frf, {"progress"}),
     "modes": (ModesTable, fit_modes, {"progress"}),
-    "coefficients": (CoefficientsTable, fit_coefficients, {"sensor", "progress"}),
+    "coefficients": (CoefficientsTable, identify_coefficients, {"sensor", "rng", "progress"}),
     "stability": (StabilityTable, map_stability, {"teeth", "diameter", "pitch", "rng", "progress"}),
 }
 REPLACED = {"operating_speed", "axial_depth"}  # together they are the operating point

@@ -226,7 +226,7 @@ BAD = {
     ),
     "rpm reversed": ("rpm = [3000, 12000]", "rpm = [12000, 3000]", 33, "stability.rpm"),
     "half an operating point": ("axial_depth_mm = 2\n", "", 34, "half an operating point"),
-    "method": ('"average"', '"avarage"', 27, "coefficients.method: 'avarage' is not 'average' or 'nls'"),
+    "method": ('"average"', '"avarage"', 27, "coefficients.method: 'avarage' is not 'nls', 'average', 'smooth'"),
     "acts on": ('"workpiece"', '"table"', 7, "acts_on = 'table' is neither tool nor workpiece"),
     "column twice": ('fy = "Fx"', 'fy = "-Fy"', 7, "column Fy is used more than once"),
     "no column": ('fy = "Fx"', 'fy = "-"', 7, "fy names no column"),
