@@ -9,7 +9,7 @@ from scipy.signal import butter, lfilter
 from millcal.numerics import interacting_models as imm
 from millcal.numerics.interacting_kernel import transitions
 from millcal.physics.cutter import Cutter
-from millcal.physics.follow_imm import JUMP, TRENDS, Motion, follow_imm, motions_of
+from millcal.physics.follow_imm import JUMP, STAY, TRENDS, Motion, bank, follow_imm, motions_of
 from millcal.physics.followed import left_out
 from millcal.physics.sampled_force import Passage, sampled_force
 
@@ -291,3 +291,54 @@ def test_a_start_far_off_is_left_behind_even_where_the_sensor_is_quiet(noise, of
     assert np.abs(error).max() < 4
     assert got.innovation_square[-1] == pytest.approx(np.ones(2), abs=0.2)
     assert got.probability[-1].argmax() == 0
+
+
+def test_a_short_cut_has_the_models_of_a_short_cut():
+    models, stay = bank(800)
+    assert [model.drift for model in models] == pytest.approx([model.drift for model in TRENDS])
+    assert stay == STAY
+    longer, stays = bank(300_000, jumps=True)
+    assert longer[0] == Motion()
+    assert longer[-1] == JUMP
+    drifts = np.array([model.drift for model in longer[1:-1]])
+    assert np.all(drifts[1:] / drifts[:-1] <= 100 * (1 + 1e-9))
+    assert STAY < stays < 1
+
+
+@pytest.mark.parametrize("change", ["rest", "wear"])
+def test_a_long_cut_is_followed_better_by_models_of_its_own(change):
+    """Twelve seconds at 10 kHz; likelihood and error agree about which bank is right."""
+    samples = 120_000
+    time = np.linspace(0, 1, samples)
+    met = passage(samples)
+    theta = truth_of("kienzle", samples, False, rise=0.0)
+    theta[:, [0, 2]] += 0.15 * (1 - np.exp(-time / 0.3))[:, np.newaxis] if change == "wear" else 0.0
+    force, _ = sampled_force(theta, met, CUTTER, law="kienzle", reference_chip=H0, axes=("x", "y"), nodes=NODES)
+    used = np.abs(force).max(axis=1) > 50.0
+    measured = force + 40 * np.random.default_rng(2).standard_normal(force.shape)
+    edges = np.arange(0, samples + 1, 1200)
+    mean, covariance = start_of(theta)
+    errors, evidence = [], []
+    for models, stay in (bank(int(used.sum()), jumps=True), (TRENDS, STAY)):
+        got = follow_imm(
+            mean,
+            covariance,
+            met,
+            measured,
+            used,
+            edges,
+            CUTTER,
+            law="kienzle",
+            reference_chip=H0,
+            axes=("x", "y"),
+            noise=np.full(2, 40.0),
+            models=models,
+            stay=stay,
+            nodes=NODES,
+        )
+        misses = (got.mean - theta[edges[1:] - 1])[20:, [0, 2]]
+        errors.append(np.sqrt(np.mean(misses**2)))
+        evidence.append(got.log_likelihood)
+        assert np.mean(np.abs(misses) < 1.96 * np.sqrt(got.covariance[20:, [0, 2], [0, 2]])) > 0.85
+    assert evidence[0] > evidence[1] + 10
+    assert errors[0] < (0.7 if change == "rest" else 0.95) * errors[1]
