@@ -47,8 +47,11 @@ STAY = 0.999  # chance to keep to a model from one sample to the next
 SHORT_CUT = 1000  # samples used for which these were found
 
 
-def bank(samples: int, *, jumps: bool = False) -> tuple[tuple[Motion, ...], float]:
+def bank(samples: int, *, pace: float = 1.0, jumps: bool = False) -> tuple[tuple[Motion, ...], float]:
     """Models, and the chance to keep to one, for a cut of so many used samples.
+
+    pace : how far the cut goes from one used sample to the next, over a 56th of a tooth pass, which was that of the cuts the
+        models were found for; so they do not depend on the rate of sampling
 
     A drift q of the speed moves kappa by q n^1.5 / sqrt(3) in n samples, so what changes by as much over a long cut as over a
     short one needs a drift that is smaller by n^1.5. Between that and the fastest there is a model to every two decades. That
@@ -56,11 +59,12 @@ def bank(samples: int, *, jumps: bool = False) -> tuple[tuple[Motion, ...], floa
     samples that rest, wear, chip and swing: beside the models of a short cut, a third of the error where nothing happens, three
     quarters with wear and a chipped edge, no more with fast swings, and intervals that cover.
     """
-    longer = max(samples / SHORT_CUT, 1.0)
+    longer = max(samples * pace / SHORT_CUT, 1.0)
     slow, fast = TRENDS[1].drift * longer**-1.5, TRENDS[-1].drift * longer**-0.4
     several = max(2, 1 + math.ceil(math.log10(fast / slow) / 2 - 1e-9))
-    trends = tuple(Motion(drift=float(q)) for q in np.geomspace(slow, fast, several))
-    return (Motion(), *trends, *((JUMP,) if jumps else ())), 1 - (1 - STAY) * longer**-0.4
+    trends = tuple(Motion(drift=float(q)) for q in np.geomspace(slow, fast, several) * pace**1.5)
+    jump = (Motion(walk=JUMP.walk * pace**0.5),) if jumps else ()
+    return (Motion(), *trends, *jump), 1 - (1 - STAY) * longer**-0.4 * pace
 
 
 def motions_of(models: Sequence[tuple[float, float]], parameters: int) -> Motions:

@@ -342,3 +342,38 @@ def test_a_long_cut_is_followed_better_by_models_of_its_own(change):
         assert np.mean(np.abs(misses) < 1.96 * np.sqrt(got.covariance[20:, [0, 2], [0, 2]])) > 0.85
     assert evidence[0] > evidence[1] + 10
     assert errors[0] < (0.7 if change == "rest" else 0.95) * errors[1]
+
+
+def test_the_bank_does_not_depend_on_the_rate_of_sampling():
+    """Four times the samples with twice the noise tell as much: the same intervals, and about the same estimates."""
+    found = []
+    for finer in (1, 4):
+        samples = 4800 * finer
+        met = passage(samples, revolution=117 * finer)
+        theta = truth_of("kienzle", samples, False)
+        force, _ = sampled_force(theta, met, CUTTER, law="kienzle", reference_chip=H0, axes=("x", "y"), nodes=NODES)
+        used = np.abs(force).max(axis=1) > 50.0
+        noise = 20.0 * finer**0.5
+        models, stay = bank(int(used.sum()), pace=1 / finer, jumps=True)
+        mean, covariance = start_of(theta)
+        got = follow_imm(
+            mean,
+            covariance,
+            met,
+            force + noise * np.random.default_rng(finer).standard_normal(force.shape),
+            used,
+            np.linspace(0, samples, 11).astype(int),
+            CUTTER,
+            law="kienzle",
+            reference_chip=H0,
+            axes=("x", "y"),
+            noise=np.full(2, noise),
+            models=models,
+            stay=stay,
+            rate=1e-4 / finer,
+            nodes=NODES,
+        )
+        found.append((got.mean[2:, [0, 2]], np.sqrt(got.covariance[2:, [0, 2], [0, 2]])))
+    (mean, sd), (fine_mean, fine_sd) = found
+    assert np.median(fine_sd / sd) == pytest.approx(1.0, abs=0.15)
+    assert np.abs(fine_mean - mean).max() < 4 * np.hypot(sd, fine_sd).max()
