@@ -15,7 +15,7 @@ from millcal.physics.measuring_chain import MeasuringChain
 from millcal.physics.spindle import SpindleMotion
 from millcal.physics.tool_path import ToolPath
 from millcal.simulation import Timeline, simulate_cut
-from millcal.stages.conditioning import sample_cut
+from millcal.stages.conditioning import condition_cut, sample_cut
 
 SPINDLE = 39.87  # Hz: 125.4 samples per revolution at 5 kHz
 CUTTER = Cutter(0.012, 2, np.radians(30), runout=8e-6, runout_angle=1.0)
@@ -324,3 +324,8 @@ def test_a_table_that_does_not_cover_the_cut_is_refused(path, start, says):
 def test_changing_engagement_without_pulse_or_encoder_is_warned_of():
     found = sample_cut(only(a_cut(), *FORCES), engagement=PATH, path_start=0.35)
     assert "angle-from-speed" in codes(found)
+
+
+def test_a_cut_along_a_path_has_no_harmonics():
+    with pytest.raises(RecordingError, match=r"cut.h5: the engagement changes along its table"):
+        condition_cut(replace(a_cut(), engagement=PATH))
