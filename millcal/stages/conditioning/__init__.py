@@ -48,11 +48,6 @@ def condition_cut(
         raise ValueError(f"{offset=} is none of auto, air, none")
     tell = progress or (lambda share, label: None)
     where = recording.name or "recording"
-    if recording.engagement is not None:
-        raise RecordingError(
-            f"{where}: the engagement changes along its table, and revolutions that differ cannot be averaged; use a method "
-            "that follows the samples (smooth, imm, rls, enkf), or leave the engagement table out"
-        )
     rate, length = recording.sample_rate, recording.samples.shape[1]
     notices: list[Notice] = []
 
@@ -66,12 +61,6 @@ def condition_cut(
     survey = survey_record(raw, length, rate / stated)
     start, stop = steady_samples(recording, steady, survey, where, note)
     findings.note_clipping(recording, rows, start, stop, note)
-    if recording.engagement is not None:
-        note(
-            "engagement-changes",
-            "an engagement table says that the engagement changes along the cut; its harmonics are a mean over that, and "
-            "only methods that follow a cut sample by sample know of it",
-        )
     spans = air_samples(recording, air, survey, (start, stop), where)
     line = offset_line(raw, spans, rate / stated, rate, offset, where, note)
     read = read_forces(recording, rows, line.offset, line.drift)
