@@ -38,13 +38,15 @@ from millcal.numerics.state_space import (
 )
 from millcal.numerics.trend_models import TrendModel
 
-CONVERGED = 1e-3  # what another pass promises to take off the penalised squares: about the 1/30 of a standard deviation
+CONVERGED = 0.01  # what another pass promises to take off the penalised squares: the tenth of a standard deviation
+NEARLY = 1.0  # a promise below this that is not kept is the grain of the model (nodes that come and go), not a way down
 PASSES = 20  # of Gauss-Newton at most
 HALVINGS = 8
 SLOW = 0.03  # scale of a trend that cannot swallow a jump
 MOST_JUMPS = 8
 AT_ODDS = 3.5  # standard deviations by which a block's own residual may exceed what is usual
 LEAST_WEIGHT = 1e-6  # of a scale, to be counted in the average
+LEAST_GAIN = 1.0  # of a jump at given scales, below which none is tried
 DOUBT = 3.0  # a guess of the evidence that misses by less than this is worth a fit
 REACH = 60  # steps to either side over which the place of a jump is refined
 
@@ -148,11 +150,15 @@ def _compressed(slopes: np.ndarray, value: np.ndarray, block: np.ndarray) -> tup
     """
     steps, seen, n = slopes.shape
     count = np.bincount(block)
-    place = np.arange(steps) - np.repeat(np.cumsum(count) - count, count)
-    stacked = np.zeros((len(count), max(count.max() * seen, n + 1), n + 1))
-    rows = place[:, np.newaxis] * seen + np.arange(seen)
-    stacked[block[:, np.newaxis], rows, :n] = slopes
-    stacked[block[:, np.newaxis], rows, n] = value
+    joined = np.concatenate([slopes, value[:, :, np.newaxis]], axis=2)
+    height = max(int(count.max()) * seen, n + 1)
+    if height == seen * steps / len(count):
+        stacked = joined.reshape(len(count), height, n + 1)
+    else:
+        place = np.arange(steps) - np.repeat(np.cumsum(count) - count, count)
+        stacked = np.zeros((len(count), height, n + 1))
+        row = (block * height + place * seen)[:, np.newaxis] + np.arange(seen)
+        stacked.reshape(-1, n + 1)[row] = joined
     R: np.ndarray = np.linalg.qr(stacked, mode="r")  # type: ignore[assignment]
     R[:, n, :n] = 0.0
     return R[:, :, :n], R[:, :, n]
@@ -164,16 +170,21 @@ def fit_at(
     scales: np.ndarray,
     jumps: Sequence[int] = (),
     *,
-    start: np.ndarray | None = None,
+    start: "np.ndarray | TrendFit | None" = None,
 ) -> TrendFit:
     """Gauss-Newton at given scales. Every pass lowers what is minimised, and the last finds no more to gain.
 
-    start : (block, state), where to begin
+    start : where to begin, (block, state), or a fit of the same problem whose linearisation serves once more
     """
-    blocks = int(problem.block[-1]) + 1
-    x = np.broadcast_to(model.dynamics.start, (blocks, len(model.dynamics.start))) if start is None else start
     intensity = np.asarray(scales)[model.scale_of]
-    seen, misfit = linearised(problem, model, x)
+    if isinstance(start, TrendFit) and start.converged and start.problem is problem:
+        x, seen = start.state, start.seen._replace(shock=np.zeros_like(start.state))
+        misfit = float(np.sum((seen.value - np.einsum("bon,bn->bo", seen.matrix, x)) ** 2))
+    else:
+        given = start.state if isinstance(start, TrendFit) else start
+        blocks = int(problem.block[-1]) + 1
+        x = np.broadcast_to(model.dynamics.start, (blocks, len(model.dynamics.start))) if given is None else given
+        seen, misfit = linearised(problem, model, x)
     _put(seen, model, jumps)
     cost = misfit + motion_penalty(model.dynamics, intensity, seen, x)
     for left in range(PASSES, -1, -1):
@@ -190,10 +201,11 @@ def fit_at(
             there, misfit = linearised(problem, model, new)
             _put(there, model, jumps)
             lower = misfit + motion_penalty(model.dynamics, intensity, there, new)
-            if lower < cost:
+            if lower < cost or cost - promised < NEARLY:
                 break
             share /= 2
-        else:
+        if lower >= cost:
+            converged = cost - promised < NEARLY
             break
         x, seen, cost = new, there, lower
     state = smoothed.mean if converged else x
@@ -209,39 +221,44 @@ def _put(seen: Observed, model: TrendModel, jumps: Sequence[int]) -> None:
     seen.shock[list(jumps)] = model.shock
 
 
+def _with_shocks(fit: TrendFit, jumps: Sequence[int]) -> Observed:
+    """What was seen, with other jumps."""
+    seen = fit.seen._replace(shock=np.zeros_like(fit.seen.shock))
+    _put(seen, fit.model, jumps)
+    return seen
+
+
 def likeliest(fit: TrendFit, rounds: int = 2) -> TrendFit:
     """The scales that maximise the innovations' likelihood, linearised again in between."""
     for _ in range(rounds):
-        scales, _evidence = _guessed(fit, fit.jumps)
+        scales, _evidence = _guessed(fit, fit.jumps, fit.scales)
         moved = np.abs(np.log10(scales / fit.scales)).max()
-        fit = fit_at(fit.problem, fit.model, scales, fit.jumps, start=fit.state)
+        fit = fit_at(fit.problem, fit.model, scales, fit.jumps, start=fit)
         if moved < 0.02:
             break
     return fit
 
 
-def _guessed(fit: TrendFit, jumps: Sequence[int]) -> tuple[np.ndarray, float]:
+def _guessed(fit: TrendFit, jumps: Sequence[int], start: np.ndarray) -> tuple[np.ndarray, float]:
     """The likeliest scales and the evidence with these jumps, by the linearisation that is there.
 
-    A faint pull to where the search starts keeps flat directions in place.
+    start : scales to begin with, (scale,); a faint pull to them keeps flat directions in place
     """
     from scipy.optimize import minimize
 
-    model, start = fit.model, np.log10(fit.scales)
-    seen = fit.seen._replace(shock=np.zeros_like(fit.seen.shock))
-    _put(seen, model, jumps)
+    model, seen, begin = fit.model, _with_shocks(fit, jumps), np.log10(start)
 
     def cost(log_scale: np.ndarray) -> tuple[float, np.ndarray]:
         intensity = (10.0**log_scale)[model.scale_of]
         filtered = filter_states(model.dynamics, intensity, seen)
         smoothed = smooth_states(model.dynamics, intensity, seen, filtered, covariance=False)
         score = np.log(10) * np.bincount(model.scale_of, smoothed.score, minlength=len(log_scale))
-        pull = (log_scale - start) / 25
-        return -filtered.log_likelihood + 0.5 * float(pull @ (log_scale - start)), pull - score
+        pull = (log_scale - begin) / 25
+        return -filtered.log_likelihood + 0.5 * float(pull @ (log_scale - begin)), pull - score
 
     found = minimize(
         cost,
-        np.clip(start, *model.box.T),
+        np.clip(begin, *model.box.T),
         jac=True,
         bounds=model.box,
         method="L-BFGS-B",
@@ -259,42 +276,46 @@ def usual_scales(model: TrendModel, trend: float = 1.0, walk: float = 0.03) -> n
 def find_jumps(fit: TrendFit, *, reach: int = REACH) -> TrendFit:
     """Put in jumps that the evidence pays for, move them to where they are best, and take out those that no longer pay.
 
-    Once from the likeliest scales, and once from a trend too slow to swallow a jump; the larger evidence stays.
+    They are looked for in the linearised record, from the likeliest scales and, where that leads nowhere, from a trend too
+    slow to swallow a jump; what promises to pay is fitted.
     reach : blocks to either side over which a place is refined
     """
     slow = np.where(usual_scales(fit.model, 1.0, 0.0) > 0, np.minimum(fit.scales, SLOW), fit.scales)
-    best = _with_jumps(fit, fit)
-    if np.any(slow < 0.99 * fit.scales):
-        best = _with_jumps(fit_at(fit.problem, fit.model, slow, start=fit.state), best)
-    return _pruned(_refined(best, reach))
-
-
-def _with_jumps(start: TrendFit, best: TrendFit) -> TrendFit:
-    """Jumps one by one, as long as one more pays; the best of what is met.
-
-    From slow trends they need not pay at the likeliest scales at once: of two that undo each other the first never does.
-    best : what is to be beaten
-    """
-    present = start
-    while len(present.jumps) < MOST_JUMPS:
-        gain = shock_evidence(present.smoothed, present.model.shock)
-        gain[[0, *present.jumps]] = -np.inf
-        at = int(np.argmax(gain))
-        if gain[at] < 1.0:
-            break
-        jumps = tuple(sorted((*present.jumps, at)))
-        if present is not best:
-            slow = fit_at(present.problem, present.model, present.scales, jumps, start=present.state)
-            if slow.evidence <= present.evidence:
+    for scales in (None, slow):
+        while len(fit.jumps) < MOST_JUMPS:
+            found = _promising(fit, fit.scales if scales is None else scales)
+            if found is None:
                 break
-            present = slow
-        scales, evidence = _guessed(present, jumps)
-        if evidence > best.evidence - DOUBT:
-            fit = likeliest(fit_at(present.problem, present.model, scales, jumps, start=present.state), 1)
-            if fit.evidence > best.evidence:
-                present = best = fit
-                continue
-        if jumps != present.jumps:
+            likely, jumps = found
+            candidate = likeliest(fit_at(fit.problem, fit.model, likely, jumps, start=fit), 1)
+            if candidate.evidence <= fit.evidence:
+                break
+            fit = candidate
+    return _pruned(_refined(fit, reach))
+
+
+def _promising(fit: TrendFit, scales: np.ndarray) -> tuple[np.ndarray, tuple[int, ...]] | None:
+    """Jumps that are put in one by one, the best at these scales, as long as they pay there or at the likeliest scales.
+
+    Of jumps that undo each other the first alone does not pay at the likeliest scales; with slow trends it does.
+    returns the likeliest scales and the jumps of the largest evidence, None where it does not come near that of the fit
+    """
+    jumps, likely, best = fit.jumps, fit.scales, None
+    most = fit.evidence - DOUBT
+    while len(jumps) < MOST_JUMPS:
+        seen, intensity = _with_shocks(fit, jumps), scales[fit.model.scale_of]
+        filtered = filter_states(fit.model.dynamics, intensity, seen)
+        smoothed = smooth_states(fit.model.dynamics, intensity, seen, filtered, covariance=False)
+        gain = shock_evidence(smoothed, fit.model.shock)
+        gain[[0, *jumps]] = -np.inf
+        at = int(np.argmax(gain))
+        if gain[at] < LEAST_GAIN:
+            break
+        jumps = tuple(sorted((*jumps, at)))
+        likely, evidence = _guessed(fit, jumps, likely)
+        if evidence > most:
+            best, most = (likely, jumps), evidence
+        elif gain[at] < _price(fit, (at,)):
             break
     return best
 
@@ -305,8 +326,7 @@ def _refined(fit: TrendFit, reach: int) -> TrendFit:
         jumps = list(fit.jumps)
         for number, at in enumerate(fit.jumps):
             others = [*jumps[:number], *jumps[number + 1 :]]
-            seen = fit.seen._replace(shock=np.zeros_like(fit.seen.shock))
-            _put(seen, fit.model, others)
+            seen = _with_shocks(fit, others)
             intensity = fit.scales[fit.model.scale_of]
             filtered = filter_states(fit.model.dynamics, intensity, seen)
             smoothed = smooth_states(fit.model.dynamics, intensity, seen, filtered, covariance=False)
@@ -317,7 +337,7 @@ def _refined(fit: TrendFit, reach: int) -> TrendFit:
             jumps[number] = low + int(np.argmax(gain))
         if tuple(sorted(jumps)) == fit.jumps:
             break
-        moved = fit_at(fit.problem, fit.model, fit.scales, sorted(jumps), start=fit.state)
+        moved = fit_at(fit.problem, fit.model, fit.scales, sorted(jumps), start=fit)
         if moved.evidence <= fit.evidence:
             break
         fit = moved
@@ -330,9 +350,9 @@ def _pruned(fit: TrendFit) -> TrendFit:
         without = []
         for i in range(len(fit.jumps)):
             others = (*fit.jumps[:i], *fit.jumps[i + 1 :])
-            scales, evidence = _guessed(fit, others)
+            scales, evidence = _guessed(fit, others, fit.scales)
             if evidence > fit.evidence - DOUBT:
-                without.append(likeliest(fit_at(fit.problem, fit.model, scales, others, start=fit.state), 1))
+                without.append(likeliest(fit_at(fit.problem, fit.model, scales, others, start=fit), 1))
         best = max([fit, *without], key=lambda candidate: candidate.evidence)
         if best is fit:
             break
@@ -387,7 +407,7 @@ def jump_sizes(fit: TrendFit) -> list[tuple[int, np.ndarray, np.ndarray, float]]
         G = fit.model.slopes(fit.state[at : at + 1])[0]
         r, N = fit.smoothed.r[at], fit.smoothed.N[at]
         others = tuple(other for other in fit.jumps if other != at)
-        without = fit_at(fit.problem, fit.model, fit.scales, others, start=fit.state)
+        without = fit_at(fit.problem, fit.model, fit.scales, others, start=fit)
         factor = fit.log_likelihood - without.log_likelihood
         found.append((at, G @ D @ r, G @ (D - D @ N @ D) @ G.T, factor))
     return found
