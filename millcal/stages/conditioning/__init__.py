@@ -48,6 +48,11 @@ def condition_cut(
         raise ValueError(f"{offset=} is none of auto, air, none")
     tell = progress or (lambda share, label: None)
     where = recording.name or "recording"
+    if recording.engagement is not None:
+        raise RecordingError(
+            f"{where}: the engagement changes along its table, and revolutions that differ cannot be averaged; use a method "
+            "that follows the samples (smooth, imm, rls, enkf), or leave the engagement table out"
+        )
     rate, length = recording.sample_rate, recording.samples.shape[1]
     notices: list[Notice] = []
 
