@@ -132,6 +132,7 @@ def _stages(recipe: Recipe, seed: int, progress: Progress) -> tuple[dict[str, An
         results["coefficients"] = identify_coefficients(
             cuts,
             sensor=read_result(recipe.sensor, Frf) if recipe.sensor else results.get("sensor"),
+            smoothing=recipe.conditioning.arguments()["lowpass"] if following else None,
             rng=np.random.default_rng(seed),
             progress=_part(progress, *taken[4]),
             **recipe.coefficients.arguments(),
@@ -164,11 +165,6 @@ def _check_options(recipe: Recipe) -> None:
     method = recipe.coefficients.method
     if not follows(method):
         return
-    if recipe.conditioning.lowpass_hz is not None:
-        raise RecipeError(
-            f"conditioning.lowpass_hz: smooths the force, and method {method} needs it as it was measured; leave it out, or "
-            "if the amplifier has such a low-pass, state coefficients.chain_lowpass_hz"
-        )
     if "harmonics" in recipe.conditioning.model_fields_set:
         raise RecipeError(f"conditioning.harmonics: method {method} takes every sample and no harmonics; leave it out")
 

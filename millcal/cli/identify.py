@@ -61,7 +61,8 @@ def identify(
         Path | None, typer.Option("--sensor", help="FRF of the dynamometer, force over force, a result file (nls).")
     ] = None,
     lowpass_hz: Annotated[
-        float | None, typer.Option("--lowpass-hz", help="Zero-phase low-pass before all else (nls, average).")
+        float | None,
+        typer.Option("--lowpass-hz", help="Low-pass before all else; methods that follow put it on the model too."),
     ] = None,
     runout: Annotated[
         str, typer.Option("--runout", help="fit, or known: the cutter's own, also none (following).")
@@ -80,7 +81,7 @@ def identify(
         ),
     ] = None,
     jumps: Annotated[
-        bool, typer.Option("--jumps/--no-jumps", help="Look for sudden changes, a chipped edge (smooth).")
+        bool, typer.Option("--jumps/--no-jumps", help="Look for sudden changes, a chipped edge (smooth, imm).")
     ] = True,
     forgetting: Annotated[
         float, typer.Option("--forgetting", help="Share of the past that each sample keeps (rls).")
@@ -173,6 +174,7 @@ def identify(
         "runout": runout,
         "chain_lowpass": chain_lowpass_hz,
         "chain_lowpass_order": chain_lowpass_order,
+        "smoothing": lowpass_hz if following else None,
         "bounds": bounds_in_si(known),
         "jumps": jumps,
         "forgetting": forgetting,
@@ -181,11 +183,6 @@ def identify(
         "inflation": inflation,
     }
     own_options(method, sensor=sensor is not None, **options)  # before anything is read
-    if following and lowpass_hz is not None:
-        raise RecipeError(
-            f"--lowpass-hz: smooths the force, and method {method} needs it as it was measured; leave it out, or if the "
-            "amplifier has such a low-pass, give --chain-lowpass-hz"
-        )
     for option, given in {
         "--csv": table,
         "--figure": figure,

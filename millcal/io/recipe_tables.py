@@ -55,7 +55,10 @@ class CutTable(ConditionsTable):
 class ConditioningTable(Table):
     """What is done to a cut before anything is identified from it."""
 
-    lowpass_hz: Positive | None = Field(None, description="corner of a zero-phase low-pass, Hz; none when absent")
+    lowpass_hz: Positive | None = Field(
+        None,
+        description="corner of a low-pass on the force, Hz; none when absent. Methods that follow coefficients put it on the model too",
+    )
     harmonics: int = Field(30, ge=1, description="number of harmonics of the spindle to save")
     offset: Literal["auto", "air", "none"] = Field(
         "auto",
@@ -161,7 +164,7 @@ class CoefficientsTable(Table):
     chip_threshold_um: float = Field(
         0.5, ge=0, description="mean chip below which a sample says nothing, um (following)"
     )
-    jumps: bool = Field(True, description="look for sudden changes, such as a chipped edge (smooth)")
+    jumps: bool = Field(True, description="look for sudden changes, such as a chipped edge (smooth, imm)")
     forgetting: float = Field(0.98, gt=0, le=1, description="share of the past that each sample keeps (rls)")
     members: int = Field(100, ge=10, description="members of the ensemble (enkf, enkf-inflated)")
     inflate_every: int = Field(50, ge=1, description="updates between two inflations of the ensemble (enkf-inflated)")

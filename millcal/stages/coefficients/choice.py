@@ -17,15 +17,19 @@ FITTING = {
     "nls": ("taper", "harmonics", "mean_weight"),
     "average": ("rows", "contact_loss"),
 }
-_ALL_FOLLOWING = ("runout", "chain_lowpass", "chain_lowpass_order", "bounds", "chip_threshold", "nodes")
+_ALL_FOLLOWING = ("runout", "chain_lowpass", "chain_lowpass_order", "smoothing", "bounds", "chip_threshold", "nodes")
 FOLLOWING = {
     "smooth": (*_ALL_FOLLOWING, "jumps"),
-    "imm": _ALL_FOLLOWING,
+    "imm": (*_ALL_FOLLOWING, "jumps"),
     "rls": (*_ALL_FOLLOWING, "forgetting"),
     "enkf": (*_ALL_FOLLOWING, "members"),
     "enkf-inflated": (*_ALL_FOLLOWING, "members", "inflate_every", "inflated_share", "inflation"),
 }  # method -> its options beside the law
-KEYS = {"chain_lowpass": "chain_lowpass_hz", "chip_threshold": "chip_threshold_um"}  # as a recipe writes them
+KEYS = {
+    "chain_lowpass": "chain_lowpass_hz",
+    "smoothing": "lowpass_hz",
+    "chip_threshold": "chip_threshold_um",
+}  # as a recipe writes them
 
 
 def follows(method: str) -> bool:
@@ -46,6 +50,7 @@ def identify_coefficients(
     runout: str = "fit",
     chain_lowpass: float | None = None,
     chain_lowpass_order: int = 2,
+    smoothing: float | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     chip_threshold: float = 0.5e-6,
     jumps: bool = True,
@@ -65,7 +70,7 @@ def identify_coefficients(
     method, law : nls, average, smooth, imm, rls, enkf or enkf-inflated; linear-edge or kienzle
     rows, contact_loss : whole-revolutions or all; report, fit or off   taper, harmonics, mean_weight, sensor : as these of
         `fit_coefficients`
-    runout, bounds, chip_threshold, jumps, forgetting, members, inflate_every, inflated_share, inflation, nodes : as of
+    runout, smoothing, bounds, chip_threshold, jumps, forgetting, members, inflate_every, inflated_share, inflation, nodes : as of
         `follow_coefficients`; runout is fit or known   chain_lowpass, chain_lowpass_order : its low-pass, Hz
 
     Raises
@@ -87,6 +92,7 @@ def identify_coefficients(
         runout=runout,
         chain_lowpass=chain_lowpass,
         chain_lowpass_order=chain_lowpass_order,
+        smoothing=smoothing,
         bounds=bounds,
         chip_threshold=chip_threshold,
         jumps=jumps,

@@ -73,7 +73,7 @@ def follow_coefficients(
         of the dynamometer, chatter; None: none
     bounds : coefficient -> low, high, SI, what is known beforehand; both of a direction or neither
     chip_threshold : mean chip over the axial depth below which a sample says nothing, m
-    jumps : look for sudden changes (smooth)   forgetting : rho per sample (rls)
+    jumps : look for sudden changes (smooth, imm)   forgetting : rho per sample (rls)
     members, inflate_every, inflated_share, inflation : size of the ensemble, updates between two inflations, share of the
         members that is drawn anew, and by what the first covariance is divided for that (enkf, enkf-inflated)
     nodes : Gauss nodes along each edge in contact   progress : called with (share, label)
@@ -148,7 +148,7 @@ def follow_coefficients(
     else:
         found = _filtered(
             record, noise, used, start, prior, bounds, method, followed, rng, tell,
-            forgetting=forgetting, members=members,
+            forgetting=forgetting, members=members, jumps=jumps,
             inflation=(inflate_every, inflated_share, 1 / inflation) if method == "enkf-inflated" else None,
         )  # fmt: skip
     course, phase, chi2, more = found

@@ -116,13 +116,21 @@ def recursive_least_squares(
 
 
 def interacting(
-    record: CutRecord, noise: Noise, used: np.ndarray, edges: np.ndarray, begin: "Begin", *, per_pass: float, **_: Any
+    record: CutRecord,
+    noise: Noise,
+    used: np.ndarray,
+    edges: np.ndarray,
+    begin: "Begin",
+    *,
+    per_pass: float,
+    jumps: bool,
+    **_: Any,
 ) -> Followed:
-    """A bank of extended Kalman filters: no change, a slow trend, a fast one."""
-    from millcal.physics.follow_imm import TRENDS, follow_imm
+    """A bank of extended Kalman filters: no change, trends of several paces, and for jumps a fast walk."""
+    from millcal.physics.follow_imm import bank, follow_imm
 
     pace = PAPER_PASS / per_pass
-    models = [(walk * pace**0.5, drift * pace**1.5) for walk, drift in TRENDS]
+    models, stay = bank(int(used.sum()), pace=pace, jumps=jumps)
     return follow_imm(
         begin.mean,
         np.diag(begin.sd**2),
@@ -133,6 +141,7 @@ def interacting(
         record.cutter,
         noise=noise.sd,
         models=models,
+        stay=stay,
         rate=1e-4 * pace,
         **_of(record),
     )
