@@ -326,6 +326,6 @@ def test_changing_engagement_without_pulse_or_encoder_is_warned_of():
     assert "angle-from-speed" in codes(found)
 
 
-def test_harmonics_of_a_cut_along_a_path_are_warned_of():
-    assert "engagement-changes" in codes(condition_cut(replace(a_cut(), engagement=PATH)))
-    assert "engagement-changes" not in codes(condition_cut(a_cut()))
+def test_a_cut_along_a_path_has_no_harmonics():
+    with pytest.raises(RecordingError, match=r"cut.h5: .*engagement"):
+        condition_cut(replace(a_cut(), engagement=PATH))

@@ -66,12 +66,6 @@ def condition_cut(
     survey = survey_record(raw, length, rate / stated)
     start, stop = steady_samples(recording, steady, survey, where, note)
     findings.note_clipping(recording, rows, start, stop, note)
-    if recording.engagement is not None:
-        note(
-            "engagement-changes",
-            "an engagement table says that the engagement changes along the cut; its harmonics are a mean over that, and "
-            "only methods that follow a cut sample by sample know of it",
-        )
     spans = air_samples(recording, air, survey, (start, stop), where)
     line = offset_line(raw, spans, rate / stated, rate, offset, where, note)
     read = read_forces(recording, rows, line.offset, line.drift)
