@@ -57,7 +57,8 @@ class ConditioningTable(Table):
 
     lowpass_hz: Positive | None = Field(
         None,
-        description="corner of a low-pass on the force, Hz; none when absent. Methods that follow coefficients put it on the model too",
+        description="corner of a low-pass on the force, Hz; none when absent; methods that follow coefficients put it on "
+        "the model too",
     )
     harmonics: int = Field(30, ge=1, description="number of harmonics of the spindle to save")
     offset: Literal["auto", "air", "none"] = Field(

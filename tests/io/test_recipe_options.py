@@ -18,7 +18,7 @@ STAGES = {
     "conditioning": (ConditioningTable, condition_cut, {"steady", "air", "progress"}),
     "frf": (FrfTable, estimate_frf, {"progress"}),
     "modes": (ModesTable, fit_modes, {"progress"}),
-    "coefficients": (CoefficientsTable, identify_coefficients, {"sensor", "rng", "progress"}),
+    "coefficients": (CoefficientsTable, identify_coefficients, {"sensor", "smoothing", "rng", "progress"}),
     "stability": (StabilityTable, map_stability, {"teeth", "diameter", "pitch", "rng", "progress"}),
 }
 REPLACED = {"operating_speed", "axial_depth"}  # together they are the operating point
