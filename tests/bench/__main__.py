@@ -13,6 +13,7 @@ from pathlib import Path
 from force import force
 from impact import impact
 from main_job import main_job
+from smoother import smoother
 from stability import stability
 from start import start
 from text_reader import text_reader
@@ -25,6 +26,7 @@ SECTIONS = {
     "Impact tests": impact,
     "Stability map": stability,
     "Trends": trends,
+    "Smoother": smoother,
     "Main job": main_job,
 }
 

@@ -226,3 +226,38 @@ def runs(values: np.ndarray, chosen: np.ndarray) -> list[np.ndarray]:
     """The stretches of chosen samples."""
     at = np.flatnonzero(chosen)
     return np.split(values[at], 1 + np.flatnonzero(np.diff(at) > 1))
+
+
+def long_cut(seconds: float, seed: int = 0) -> Record:
+    """Whole revolutions at a constant speed: k and m along one period of a cosine, +-20 %, and +10 % at once at 0.6 of the time.
+
+    The spindle angle of every revolution is the same, so that one table serves them all.
+    """
+    per_turn = cuts.SAMPLES_PER_REVOLUTION
+    turns = int(seconds * cuts.SAMPLE_RATE / per_turn)
+    active = np.flatnonzero(cuts.geometry().active[:per_turn])
+    table = tables(0.0, 0.0).of(active)
+    time = (np.arange(turns)[:, np.newaxis] * per_turn + active).ravel() / (turns * per_turn)
+    truth = cuts.TRUE * (1 + 0.2 * np.cos(2 * np.pi * time) + 0.1 * (time >= 0.6))[:, np.newaxis]
+
+    def force(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        k = np.exp(p[:, 0::2] + p[:, 1::2] * np.log(H0))
+        found, slopes = np.empty((len(p), 2)), np.zeros((len(p), 2, p.shape[1]))
+        for d in range(2):
+            S, dS = shape_and_slope(table, p[:, 2 * d + 1].reshape(turns, -1))
+            found[:, d] = k[:, d] * S.ravel()
+            slopes[:, d, 2 * d] = found[:, d]
+            slopes[:, d, 2 * d + 1] = k[:, d] * dS.ravel() + found[:, d] * np.log(H0)
+        return found, slopes
+
+    level = np.log(truth[:, 0::2]) - truth[:, 1::2] * np.log(H0)
+    clean, _ = force(np.stack([level[:, 0], truth[:, 1], level[:, 1], truth[:, 3]], axis=1))
+    sigma = np.sqrt(np.mean(clean**2, axis=0) * len(active) / per_turn / 10 ** (cuts.NOISE_DB / 10))
+    measured = clean / sigma + np.random.default_rng([seed, 2]).standard_normal(clean.shape)
+
+    def predict(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        found, slopes = force(p)
+        return found / sigma, slopes / sigma[:, np.newaxis]
+
+    steps = np.arange(len(time))
+    return Record(Problem(measured, predict, time, steps), sigma, truth, clean, np.ones(len(time), bool), force)
