@@ -17,7 +17,7 @@ import numpy as np
 
 from millcal.numerics.state_space import Dynamics
 
-TREND_GRID = np.logspace(-2, 2, 7)  # of a trend's scale, for averaging
+TREND_GRID = np.logspace(-2, 2, 13)  # of a trend's scale, for averaging; half as many miss a scale that is known well
 WALK_GRID = np.logspace(-2.5, -0.5, 4)  # of a walk's
 TREND_BOX, WALK_BOX = (-2.5, 2.5), (-3.5, 0.5)  # of their decadic logarithms, for the search of the likeliest
 LEVEL_JUMP, SHAPE_JUMP = 0.25, 0.04  # standard deviation of a sudden change
