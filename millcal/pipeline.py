@@ -375,6 +375,7 @@ def check_folder(out: Path) -> None:
 def _refuse_absent(recipe: Recipe, path: Path) -> None:
     keys = {
         **{cut.recording: f"cuts.{number}.recording" for number, cut in enumerate(recipe.cuts)},
+        **{cut.table: f"cuts.{number}.engagement" for number, cut in enumerate(recipe.cuts) if cut.table},
         **{
             test: f"{key}.recordings.{number}"
             for key, tests in (("impact", recipe.impact), ("sensor", recipe.sensor_test))
