@@ -102,6 +102,7 @@ def follow_coefficients(
 
     tell(0.0, "start")
     record = cut_record(cuts, law=law, lowpass=lowpass, lowpass_order=lowpass_order, smoothing=smoothing, nodes=nodes)
+    bounds_by_direction(record, bounds)  # refused before anything is fitted
     noise = noise_of(record, np.full(len(record.force), np.nan))
     own = cuts[0].cutter
     known = (

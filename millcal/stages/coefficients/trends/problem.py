@@ -184,14 +184,14 @@ def cut_record(
     if lowpass is not None:
         if not 0 < lowpass < rate / 2:
             raise IllPosedError(
-                f"coefficients.lowpass_hz: {lowpass:g} Hz does not lie below half the sample rate of {rate:g} Hz; leave it out"
+                f"coefficients.chain_lowpass_hz: {lowpass:g} Hz is not below half the sample rate of {rate:g} Hz; leave it out"
             )
         filtered = discrete_butterworth(lowpass, lowpass_order, rate)
     smoother, every = None, 1
     if smoothing is not None:
         if not 0 < smoothing < rate / 2:
             raise IllPosedError(
-                f"coefficients.smoothing: {smoothing:g} Hz does not lie below half the sample rate of {rate:g} Hz; leave it out"
+                f"conditioning.lowpass_hz: {smoothing:g} Hz is not below half the sample rate of {rate:g} Hz; leave it out"
             )
         from scipy.signal import butter
 
