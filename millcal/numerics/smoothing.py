@@ -204,7 +204,7 @@ def fit_at(
             if lower < cost or cost - promised < NEARLY:
                 break
             share /= 2
-        if lower >= cost:
+        if not lower < cost:  # nor where the model has no value there
             converged = cost - promised < NEARLY
             break
         x, seen, cost = new, there, lower
@@ -466,10 +466,12 @@ def _at_odds(fit: TrendFit) -> np.ndarray:
     count = np.bincount(fit.problem.block)
     if count.max() == 1:
         return np.zeros(0, np.int64)
-    freedom = count * fit.problem.measured.shape[1] - len(fit.model.limits)
+    freedom = np.maximum(count * fit.problem.measured.shape[1] - len(fit.model.limits), 0)
     unexplained = fit.seen.value[:, -1] ** 2
-    usual = np.median(unexplained[freedom > 0] / freedom[freedom > 0]) if np.any(freedom > 0) else 1.0
-    return np.flatnonzero((freedom > 0) & (unexplained / usual > freedom + AT_ODDS * np.sqrt(2 * np.abs(freedom))))
+    usual = np.median(unexplained[freedom > 0] / freedom[freedom > 0]) if np.any(freedom) else 1.0
+    excess = (unexplained / max(usual, 1e-300) - freedom) / np.sqrt(2 * np.maximum(freedom, 1))
+    worst = np.argsort(excess)[-2 * MOST_JUMPS :]
+    return np.sort(worst[(excess[worst] > AT_ODDS) & (freedom[worst] > 0)])
 
 
 def _reblocked(fit: TrendFit, alone: np.ndarray) -> TrendFit:

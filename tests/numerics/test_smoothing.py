@@ -165,6 +165,21 @@ def test_no_pass_moves_a_parameter_farther_than_it_may():
     assert np.all(moved[:4] <= [0.1 + 1e-9, 0.05 + 1e-9] * 2)
 
 
+def test_a_step_to_where_the_model_has_no_value_is_not_taken():
+    problem, model = record(drifting(40)), model_of("independent")
+
+    def predict(p):
+        seen, slopes = problem.predict(p)
+        return np.where(p[:, :1] > 3.75, np.nan, seen), slopes
+
+    start = np.tile(model.begin(TRUE + np.array([-0.9, 0, -0.9, 0, 0])), (40, 1))
+    bold = model._replace(limits=np.full(5, np.inf))
+    fit = fit_at(problem._replace(predict=predict), bold, usual_scales(model), start=start)
+    assert np.all(np.isfinite(fit.state))
+    plain = fit_at(problem, model, usual_scales(model))
+    assert model.parameters(fit.state) == pytest.approx(model.parameters(plain.state), abs=0.01)
+
+
 def test_a_fit_that_runs_out_of_passes_says_so(monkeypatch):
     monkeypatch.setattr(smoothing, "PASSES", 1)
     assert not fit_at(record(drifting(40)), model_of("shared"), np.array([1.0])).converged
@@ -425,6 +440,14 @@ def test_a_jump_of_a_long_record_comes_to_its_step_without_all_steps():
     assert found.mean.shape == (800, 5)
     level = found.mean[:, 0]
     assert level[330] - level[270] == pytest.approx(0.3, abs=0.05)
+
+
+def test_a_law_that_does_not_hold_opens_no_more_blocks_than_may_hide_a_jump():
+    """Every other block sees a beat that the law does not know."""
+    problem = record(drifting(800), block=8)
+    problem.measured[problem.block % 2 == 0] *= 1 + 0.3 * (-1.0) ** np.arange(400)[:, np.newaxis]
+    found = smooth(problem, [model_of("shared")], block=8, finest=100)
+    assert found.alternatives["shared"].problem.block[-1] + 1 <= 100 + 16 * 7
 
 
 def test_without_jumps_none_is_looked_for():
