@@ -288,6 +288,12 @@ QUESTIONS = {
         "force",
         "the difference of measured and modelled force beside the range of the noise",
     ),
+    "mean force": Question(
+        "The mean forces are met",
+        "The mean forces are not met",
+        "force",
+        "the mean of measured and modelled force over a revolution",
+    ),
     "innovations": Question(
         "Nothing but noise was not foreseen",
         "More than noise was not foreseen",

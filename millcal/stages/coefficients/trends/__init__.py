@@ -169,6 +169,7 @@ def follow_coefficients(
     hints += judge.residual_lines(record, (record.force - modelled)[scored])
     checks = [
         judge.check_noise(chi2, noise, share, hints),
+        judge.check_means(record, modelled, scored),
         judge.check_separable(record, np.min(sd[:, 1 : 2 * D : 2], axis=0), np.min(of_first, axis=0)),
     ]
     if method != "smooth":

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from millcal.data import Check, CoefficientHistory, CutSamples, Jump, Notice, Posterior
+from millcal.data import Check, CoefficientHistory, Jump, Notice, Posterior
 from millcal.physics.sampled_force import coefficients_of
-from millcal.stages.coefficients.trends.problem import DIRECTIONS, CutRecord, Noise
+from millcal.stages.coefficients.trends.problem import DIRECTIONS, CutRecord, Noise, short_name
 
 NORMAL = 1.959964  # half width of a 95 % interval in standard deviations
 MOST_STEPS = 1000
@@ -49,11 +49,6 @@ def _signs(record: CutRecord) -> np.ndarray:
     level = np.ones(record.directions)
     level[2:] = axial
     return np.concatenate([level, np.ones(record.directions) if record.law == "kienzle" else level])
-
-
-def short_name(cut: CutSamples) -> str:
-    """The file without its folder."""
-    return cut.name.replace("\\", "/").rsplit("/", 1)[-1]
 
 
 def history(

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from millcal.data import Check, Notice
-from millcal.stages.coefficients.trends.problem import DIRECTIONS, CutRecord, Noise
+from millcal.stages.coefficients.trends.problem import DIRECTIONS, CutRecord, Noise, short_name
 from millcal.units import to_shop
 
 WARN, REFUSE = 1.10, 1.15  # chi2 of the stiff model: white noise stays below, ignored runout or a low-pass does not
@@ -13,6 +13,7 @@ SMALL_RESIDUAL = 0.1  # of the rms of the force: below, a law that is not exact 
 SHAPE_SD, COEFFICIENT_SD = 0.05, 0.10  # above, level and shape are not told apart
 UNSEEN = 0.7  # of the prior's sd: the record has said next to nothing
 AT_BOUND = 0.05
+MEANS = 0.05  # of a mean force, by which it may be missed
 LINE_SHARE, MOSTLY = 0.1, 0.5  # of the residual's power: a line worth telling, and lines that are most of it
 RESTLESS = (0.5, 1.5)  # mean square of normalised innovations that a consistent filter stays within
 
@@ -63,6 +64,29 @@ def residual_lines(record: CutRecord, residual: np.ndarray, most: int = 3) -> li
     )
     said = ", ".join(f"{frequency:.0f}" for frequency in told)
     return [f"{share:.0%} of the residual's power is at {said} Hz, {what}; smoothing below them leaves them out"]
+
+
+def check_means(record: CutRecord, modelled: np.ndarray, scored: np.ndarray) -> Check:
+    """Mean forces of every cut, which the regression over the feeds goes through, against those of the model.
+
+    modelled : (sample, axis) N   scored : (sample,) bool
+    """
+    worst, at = 0.0, 0
+    for number in range(len(record.cuts)):
+        of_cut = scored & (record.cut == number)
+        mean = record.force[of_cut].mean(axis=0)
+        off = float(np.linalg.norm(mean - modelled[of_cut].mean(axis=0)) / max(np.linalg.norm(mean), 1e-300))
+        if off > worst:
+            worst, at = off, number
+    where = f" ({short_name(record.cuts[at])})" if len(record.cuts) > 1 else ""
+    said = f"the mean force is met to {worst:.1%}{where}"
+    if worst <= MEANS:
+        return Check("mean force", True, said)
+    return Check(
+        "mean force",
+        False,
+        f"{said}: these coefficients are not those of a regression of mean forces; an offset of the amplifier, or another law",
+    )
 
 
 def check_separable(record: CutRecord, shape_sd: np.ndarray, relative_sd: np.ndarray) -> Check:
@@ -152,7 +176,7 @@ def conclude(checks: Sequence[Check], residual_share: np.ndarray) -> str:
         if np.max(residual_share) < SMALL_RESIDUAL:
             return f"fits in part: {reason}"
         return f"does not fit: {reason}"
-    for name in ("innovations", "separable"):
+    for name in ("mean force", "innovations", "separable"):
         if name in failed:
             return f"fits in part: {failed[name].message}"
     return "fits"

@@ -156,6 +156,11 @@ class Noise:
         )
 
 
+def short_name(cut: CutSamples) -> str:
+    """The file without its folder."""
+    return cut.name.replace("\\", "/").rsplit("/", 1)[-1]
+
+
 def cut_record(
     cuts: Sequence[CutSamples],
     *,
