@@ -17,22 +17,22 @@ FEW, MANY = 3, 16
 
 
 class Band(NamedTuple):
-    """For one seed, and the mean and scatter of one seed's force error."""
+    """For one seed, and the mean and scatter of one seed's error."""
 
     force: float  # N, at most
     k_t: float  # N/mm^2, at most
-    mean: float  # N
-    sd: float
+    of_force: tuple[float, float]
+    of_k_t: tuple[float, float]
 
 
 BANDS = {
-    "static": Band(4.0, 135, 1.50, 0.69),
-    "ascending": Band(4.8, 185, 2.12, 0.75),
-    "alternating": Band(4.4, 215, 2.58, 0.52),  # k_t over 120 seeds: 70 +- 34, at most 196
-    "sine2": Band(4.6, 185, 2.97, 0.46),
-    "square2": Band(7.0, 205, 2.38, 0.94),
-    "wear+chip": Band(5.8, 190, 2.82, 0.81),
-    "split": Band(4.4, 165, 1.82, 0.73),
+    "static": Band(4.0, 135, (1.50, 0.69), (36, 28)),
+    "ascending": Band(4.8, 185, (2.12, 0.75), (69, 34)),
+    "alternating": Band(4.4, 160, (2.58, 0.52), (58, 30)),
+    "sine2": Band(4.6, 185, (2.97, 0.46), (64, 35)),
+    "square2": Band(7.0, 205, (2.38, 0.94), (69, 40)),
+    "wear+chip": Band(5.8, 190, (2.82, 0.81), (73, 34)),
+    "split": Band(4.4, 165, (1.82, 0.73), (50, 33)),
 }
 EDGES = np.array([0.25, 0.5, 0.75])  # of square2
 FIRST_SEED = 1000  # of those that are judged here; the bands come from others
@@ -67,13 +67,13 @@ def usual(case, seeds):
 
 
 def judge(seeds):
-    """All cases, within the bands of a seed and of a mean over seeds."""
+    """All cases, within the bands of a seed, but for one in sixteen, and of a mean over seeds."""
     for case, band in BANDS.items():
-        found = usual(case, seeds)
-        force = found.error[:, 0]
-        assert np.all(force <= band.force), (case, force)
-        assert np.mean(force) <= band.mean + 3.5 * band.sd / np.sqrt(seeds), (case, force)
-        assert np.all(found.error[:, 1] <= band.k_t), (case, found.error[:, 1])
+        force, k_t, _ = usual(case, seeds).error.T
+        for values, most, (mean, sd) in ((force, band.force, band.of_force), (k_t, band.k_t, band.of_k_t)):
+            assert np.count_nonzero(values > most) <= seeds // 16, (case, values)
+            assert np.mean(values) <= mean + 3.5 * sd / np.sqrt(seeds), (case, values)
+            assert np.max(values) <= 1.3 * most, (case, values)
 
 
 def root_mean_square(found):
