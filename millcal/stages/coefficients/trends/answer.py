@@ -59,6 +59,7 @@ def history(
     noise: Noise,
     phase: np.ndarray,
     runout: bool,
+    held: bool,
     chi2: float,
     modelled: np.ndarray,
     checks: Sequence[Check],
@@ -69,7 +70,11 @@ def history(
     jumps: Sequence[Jump] = (),
     model: str = "",
 ) -> CoefficientHistory:
-    """The record.   modelled : (sample, axis) N   slope, slope_sd : (direction,) 1/s, of the specific force"""
+    """The record.
+
+    runout : whether it was followed   held : or was found by the start and kept, without an interval of its own
+    modelled : (sample, axis) N   slope, slope_sd : (direction,) 1/s, of the specific force
+    """
     D, signs = record.directions, _signs(record)
     values, slopes = coefficients_of(course.mean, record.law, record.reference_chip)
     sd = np.sqrt(np.maximum(np.einsum("scp,spq,scq->sc", slopes, course.covariance, slopes), 0.0))
@@ -120,7 +125,7 @@ def history(
         slope_low=missing if slope is None or slope_sd is None else 60 * (slope - NORMAL * slope_sd),
         slope_high=missing if slope is None or slope_sd is None else 60 * (slope + NORMAL * slope_sd),
         jumps=tuple(jumps),
-        runout=(float(course.mean[-1, -2]), float(course.mean[-1, -1])) if runout else None,
+        runout=(float(course.mean[-1, -2]), float(course.mean[-1, -1])) if runout or held else None,
         model=model,
         notices=tuple(dict.fromkeys(notices)),
     )
