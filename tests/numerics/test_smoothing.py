@@ -10,21 +10,11 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from millcal.numerics import smoothing
-from millcal.numerics.smoothing import (
-    Problem,
-    averaged,
-    blocks_of,
-    draw_deviations,
-    find_jumps,
-    fit_at,
-    jump_sizes,
-    likeliest,
-    linearised,
-    smooth,
-    usual_scales,
-)
+from millcal.numerics import trend_fit
+from millcal.numerics.smoothing import averaged, draw_deviations, smooth
 from millcal.numerics.state_space import Observed, filter_states, smooth_states
+from millcal.numerics.trend_fit import Problem, blocks_of, fit_at, likeliest, linearised, usual_scales
+from millcal.numerics.trend_jumps import find_jumps, jump_sizes
 from millcal.numerics.trend_models import MODELS, Layout, layout_of
 
 MEAN = np.array([3.4, 0.2, 3.0, 0.5, 0.0])
@@ -99,7 +89,7 @@ def transitions(model, scales, seen, steps):
 @pytest.mark.parametrize("block", [1, 3])
 def test_the_fit_is_the_least_penalised_squares(name, block, monkeypatch):
     """Against a general minimiser that moves every disturbance by itself."""
-    monkeypatch.setattr(smoothing, "CONVERGED", 1e-11)
+    monkeypatch.setattr(trend_fit, "CONVERGED", 1e-11)
 
     problem, model, scales = record(drifting(12), block=block), model_of(name), usual_scales(model_of(name))
     jumps = (2,)
@@ -127,7 +117,7 @@ def test_the_fit_is_the_least_penalised_squares(name, block, monkeypatch):
 def test_a_converged_fit_is_within_its_tolerance_of_the_fixed_point(name, monkeypatch):
     problem, model = record(drifting(60)), model_of(name)
     fit = fit_at(problem, model, usual_scales(model))
-    monkeypatch.setattr(smoothing, "CONVERGED", 1e-10)
+    monkeypatch.setattr(trend_fit, "CONVERGED", 1e-10)
 
     exact = fit_at(problem, model, usual_scales(model))
     sd = np.sqrt(np.max(np.diag(averaged(fit)[1][30])))
@@ -181,7 +171,7 @@ def test_a_step_to_where_the_model_has_no_value_is_not_taken():
 
 
 def test_a_fit_that_runs_out_of_passes_says_so(monkeypatch):
-    monkeypatch.setattr(smoothing, "PASSES", 1)
+    monkeypatch.setattr(trend_fit, "PASSES", 1)
     assert not fit_at(record(drifting(40)), model_of("shared"), np.array([1.0])).converged
 
 
