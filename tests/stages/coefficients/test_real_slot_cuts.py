@@ -18,7 +18,9 @@ from millcal.stages.coefficients import fit_coefficients
 from millcal.stages.coefficients.average import mean_forces, search_contact_loss, solve_means
 from millcal.stages.coefficients.harmonic import ratio, search, study
 from millcal.stages.coefficients.harmonic_model import HarmonicFit, model_of, modelled_harmonics, refine
+from millcal.stages.coefficients.trends import follow_coefficients
 from millcal.stages.conditioning import condition_cut
+from millcal.stages.conditioning.samples import sample_cut
 
 FOLDER = Path(os.environ.get("MILLCAL_REFERENCE_DATA", "")) / "real" / "dynoware_slot_al"
 pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason="real slot cuts absent: set MILLCAL_REFERENCE_DATA")
@@ -27,9 +29,9 @@ SHOP = np.array([1e6, 1e6, 1e6, 1e3, 1e3, 1e3])
 
 
 @pytest.fixture(scope="module")
-def cuts():
+def recordings():
     cutter = Cutter(diameter=25e-3, teeth=2, helix=np.pi / 4)
-    conditioned = []
+    found = []
     for feed in (300, 600, 900, 1200, 1500):
         conditions = CuttingConditions(
             spindle_speed=200 * np.pi,
@@ -39,9 +41,13 @@ def cuts():
             direction="slot",
         )
         setup = Setup(map={"fx": "+Fy", "fy": "+Fx", "fz": "+Fz"}, acts_on="tool", cutter=cutter, conditions=conditions)
-        recording = read_recording(FOLDER / f"6-n6000f{feed}ap3ae25.csv", setup=setup)
-        conditioned.append(condition_cut(recording, harmonics=25))
-    return tuple(conditioned)
+        found.append(read_recording(FOLDER / f"6-n6000f{feed}ap3ae25.csv", setup=setup))
+    return tuple(found)
+
+
+@pytest.fixture(scope="module")
+def cuts(recordings):
+    return tuple(condition_cut(recording, harmonics=25) for recording in recordings)
 
 
 @pytest.fixture(scope="module")
@@ -126,3 +132,13 @@ def test_without_the_map_the_warning_names_the_swap(cuts):
     assert (-swapped.posterior["Ktc"] / 1e6, -swapped.posterior["Krc"] / 1e6) == pytest.approx(
         (250.8633, 958.8599), abs=1e-4
     )
+
+
+def test_a_filter_goes_through_all_feeds_and_says_why_it_does_not_agree_with_the_regression(recordings):
+    samples = [sample_cut(recording, offset="none") for recording in recordings]
+    found = follow_coefficients(samples, method="imm", law="linear-edge", smoothing=450.0, rng=np.random.default_rng(0))
+    assert set(found.cut) == {0, 1, 2, 3, 4}
+    assert np.all(np.isfinite(found.value))
+    assert found.verdict.startswith("does not fit")
+    failed = {check.name: check.message for check in found.checks if not check.passed}
+    assert "not those of a regression of mean forces" in failed["mean force"]
