@@ -90,7 +90,6 @@ def transitions(model, scales, seen, steps):
 def test_the_fit_is_the_least_penalised_squares(name, block, monkeypatch):
     """Against a general minimiser that moves every disturbance by itself."""
     monkeypatch.setattr(trend_fit, "CONVERGED", 1e-11)
-
     problem, model, scales = record(drifting(12), block=block), model_of(name), usual_scales(model_of(name))
     jumps = (2,)
     fit = fit_at(problem, model, scales, jumps)
@@ -118,7 +117,6 @@ def test_a_converged_fit_is_within_its_tolerance_of_the_fixed_point(name, monkey
     problem, model = record(drifting(60)), model_of(name)
     fit = fit_at(problem, model, usual_scales(model))
     monkeypatch.setattr(trend_fit, "CONVERGED", 1e-10)
-
     exact = fit_at(problem, model, usual_scales(model))
     sd = np.sqrt(np.max(np.diag(averaged(fit)[1][30])))
     assert np.abs(model.parameters(fit.state) - model.parameters(exact.state)).max() < min(1e-3, 0.05 * sd)
