@@ -15,6 +15,10 @@ ifneq ($(wildcard ../shared/.),)
 export MILLCAL_REFERENCE_DATA ?= $(abspath ../shared)
 endif
 
+# As the command does: the matrices are small and many, and threads cost more than they bring.
+export OPENBLAS_NUM_THREADS ?= 1
+export OMP_NUM_THREADS ?= 1
+
 .PHONY: help demo recipes sample-data test test-long lint bench dist clean
 
 help: ## show this list
