@@ -2,7 +2,7 @@
 
     fit         `trend_fit`: the trajectory of least squares and penalty, and how fast things may change, by their likelihood
     jumps       `trend_jumps`: put in where the evidence pays for them
-    models      independent trends or a shared one (`trend_models`): the larger evidence
+    models      independent trends or, where its evidence is decisively larger, a shared one (`trend_models`)
     blocks      steps whose parameters are taken as equal are compressed to as many observations as there are parameters
                 by a QR factorisation, which loses nothing else
     average     over a grid of the scales, because one that is itself uncertain makes intervals too short
@@ -23,6 +23,7 @@ from millcal.numerics.trend_models import TrendModel
 
 __all__ = ["Problem", "Trajectory", "TrendFit", "averaged", "draw_deviations", "jump_sizes", "smooth"]
 
+DECISIVE = 3.0  # log odds of twenty to one
 LEAST_WEIGHT = 1e-6  # of a scale, to be counted in the average
 
 
@@ -61,6 +62,8 @@ def smooth(
 ) -> Trajectory:
     """The trajectory under the model with the largest evidence.
 
+    models : the freest first. A stiffer one must be decisively better: it is never quite true, and of a long record, where
+        both follow the force closely, its narrow intervals miss the rest
     block : steps that share their parameters while scales, jumps and models are looked for
     breaks : (step,) bool, where a block must end
     finest : records of no more steps are in the end fitted with a block for every step; of longer ones only the steps near
@@ -85,7 +88,10 @@ def smooth(
                 coarse = fit.problem
             fit = find_jumps(fit, reach=max(1, -(-REACH // block)))
         fits[model.name] = fit
-    best = max(fits.values(), key=lambda fit: fit.evidence)
+    free, *stiffer = fits.values()
+    best = max(
+        [free, *(fit for fit in stiffer if fit.evidence > free.evidence + DECISIVE)], key=lambda fit: fit.evidence
+    )
     if coarse.block[-1] + 1 < len(problem.time) and (best.jumps or len(problem.time) <= finest):
         tell(0.8, "to the sample")
         best = _sharpened(best, len(problem.time) <= finest)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from millcal.numerics import trend_fit
+from millcal.numerics import smoothing, trend_fit
 from millcal.numerics.smoothing import averaged, draw_deviations, smooth
 from millcal.numerics.state_space import Observed, filter_states, smooth_states
 from millcal.numerics.trend_fit import Problem, blocks_of, fit_at, likeliest, linearised, usual_scales
@@ -456,6 +456,15 @@ def test_the_model_that_is_true_is_chosen():
             assert found.fit.model.name == chosen
             assert found.evidence[chosen] == max(found.evidence.values())
             assert set(found.alternatives) == set(MODELS)
+
+
+@pytest.mark.parametrize("lead", [2.0, 4.0])
+def test_a_stiffer_model_must_be_decisively_better(lead, monkeypatch):
+    problem, models = record(drifting(80)), [model_of(name) for name in MODELS]
+    usual = smooth(problem, models, block=8)
+    behind = usual.evidence["shared"] - usual.evidence["independent"]
+    monkeypatch.setattr(smoothing, "DECISIVE", behind + 3.0 - lead)
+    assert smooth(problem, models, block=8).fit.model.name == ("shared" if lead > 3.0 else "independent")
 
 
 def test_what_is_told_grows_to_the_end():
