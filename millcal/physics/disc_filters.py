@@ -7,13 +7,14 @@ take the instants at which the law holds, one after the other; between them they
 A state is (k, m) of each direction, tangential before radial; k is in whatever unit makes k S(m) newtons.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numba import njit
 
 from millcal.numerics.ensemble_kalman import Inflation, semidefinite_root
-from millcal.numerics.interacting_models import Mixture, Model
+from millcal.numerics.interacting_kernel import STAMP, Motions, move, take_in, weigh
+from millcal.numerics.interacting_models import Mixture
 from millcal.physics.disc_force import ShapeTables
 
 _SUMS_IN_ANY_ORDER = {
@@ -198,128 +199,80 @@ def _least_squares(coefficients, force, start, covariance, forgetting, box, cent
 def follow_models(
     tables: ShapeTables,
     force: np.ndarray,
-    sigma: float,
+    sigma: np.ndarray,
     starts: Sequence[Mixture],
     *,
-    models: Sequence[Model],
+    motions: Motions,
     chances: np.ndarray,
 ) -> np.ndarray:
-    """`interacting_models.step` in one direction, linearised at the common mean, from many starts.
+    """`interacting_models.step`, linearised at the common mean, from many starts; both directions share the models.
 
-    Here a state is (kappa, m, dkappa) with kappa = ln k at the chip of the tables and dkappa its change to the next instant.
-    force : (instant,) N   sigma : N   starts : of (model, 3)   chances : (from, to)
-    returns the common mean after every instant, (start, instant, 3)
+    Here a state is (kappa_t, m_t, kappa_r, m_r) and then the change of both kappa to the next instant, with kappa = ln k at the
+    chip of the tables. What moves one direction moves the other at the same time, so both tell which model holds.
+    force : (instant, 2) N   sigma : (2,) N   starts : of (model, 6)   motions : of kappa, with its changes as speeds
+    chances : (from, to)   returns the common mean after every instant, (start, instant, 4)
     """
     coefficients, force = _plain(tables, force)
-    found = np.empty((len(starts), len(force), 3))
-    _models(
-        coefficients,
-        force,
-        float(sigma) ** 2,
-        np.stack([start.mean for start in starts]),
-        np.stack([start.covariance for start in starts]),
-        np.stack([start.probability for start in starts]),
-        np.stack([model.transition for model in models]),
-        np.stack([model.noise for model in models]),
-        np.ascontiguousarray(chances),
-        tables.centre,
-        tables.half,
-        found,
-    )
+    found = np.empty((len(starts), len(force), 4))
+    for start, means in zip(starts, found, strict=True):
+        _models(
+            coefficients,
+            force,
+            np.ascontiguousarray(sigma, float) ** 2,
+            start.mean.copy(),
+            start.covariance.copy(),
+            start.probability.copy(),
+            motions.level,
+            motions.speed,
+            motions.walk,
+            motions.drift,
+            np.ascontiguousarray(chances),
+            tables.centre,
+            tables.half,
+            means,
+        )
     return found
 
 
-@njit(cache=True)
-def _models(coefficients, force, variance, means, covariances, probabilities, F, Q, chances, centre, half, found):
-    starts, M, n = means.shape
-    powers = coefficients.shape[1]
-    prior, share = np.empty(M), np.empty((M, M))
-    x, P = np.empty((M, n)), np.empty((M, n, n))
-    mixed, mixed_P, moved = np.empty(n), np.empty((n, n)), np.empty((n, n))
-    common, H, G, column = np.empty(n), np.zeros(n), np.empty(n), np.empty(n)
-    keep, product = np.empty((n, n)), np.empty((n, n))
-    logarithm = np.empty(M)
-    for s in range(starts):
-        mean, covariance, weight = means[s].copy(), covariances[s].copy(), probabilities[s].copy()
+def _compiled(stamp: int) -> Callable[..., None]:
+    """The loop, with the stamp of what it calls in the key under which it is kept."""
+
+    @njit(cache=True)
+    def loop(  # type: ignore[no-untyped-def]
+        coefficients, force, variance, x, P, probability, level, speed, walk, drift, chances, centre_of, half, found
+    ):
+        stamp  # noqa: B018
+        M, n = x.shape
+        powers = coefficients.shape[1]
+        moved_x, moved_P, prior = np.empty((M, n)), np.empty((M, n, n)), np.empty(M)
+        centre, scratch, log_likelihood = np.empty(n), np.empty(n), np.empty(M)
+        slopes, at_zero = np.zeros((2, 4)), np.empty(2)
         for k in range(force.shape[0]):
+            move(x, P, probability, chances, level, speed, walk, drift, moved_x, moved_P, prior, centre)
+            for d in range(2):
+                u = min(max((centre[2 * d + 1] - centre_of) / half, -1.0), 1.0)
+                S, slope = coefficients[k, powers - 1], 0.0
+                for p in range(powers - 2, -1, -1):
+                    slope = slope * u + S
+                    S = S * u + coefficients[k, p]
+                size = np.exp(centre[2 * d])
+                slopes[d, 2 * d], slopes[d, 2 * d + 1] = size * S, size * slope / half
+                at_zero[d] = force[k, d] - size * S
+                for p in range(4):
+                    at_zero[d] += slopes[d, p] * centre[p]
             for j in range(M):
-                prior[j] = 0.0
-                for i in range(M):
-                    share[i, j] = weight[i] * chances[i, j]
-                    prior[j] += share[i, j]
-                for i in range(M):
-                    share[i, j] /= prior[j]
-            common[:] = 0.0
+                log_likelihood[j] = 0.0
+                for d in range(2):
+                    log_likelihood[j] += take_in(moved_x[j], moved_P[j], at_zero[d], slopes[d], variance[d], scratch)
+            weigh(prior, log_likelihood, probability)
+            for p in range(4):
+                found[k, p] = 0.0
             for j in range(M):
-                for a in range(n):
-                    mixed[a] = 0.0
-                    for i in range(M):
-                        mixed[a] += share[i, j] * mean[i, a]
-                for a in range(n):
-                    for b in range(n):
-                        total = 0.0
-                        for i in range(M):
-                            apart = (mean[i, a] - mixed[a]) * (mean[i, b] - mixed[b])
-                            total += share[i, j] * (covariance[i, a, b] + apart)
-                        mixed_P[a, b] = total
-                for a in range(n):
-                    x[j, a] = 0.0
-                    for b in range(n):
-                        x[j, a] += F[j, a, b] * mixed[b]
-                        moved[a, b] = 0.0
-                        for c in range(n):
-                            moved[a, b] += F[j, a, c] * mixed_P[c, b]
-                    common[a] += prior[j] * x[j, a]
-                for a in range(n):
-                    for b in range(n):
-                        total = Q[j, a, b]
-                        for c in range(n):
-                            total += moved[a, c] * F[j, b, c]
-                        P[j, a, b] = total
-            u = min(max((common[1] - centre) / half, -1.0), 1.0)
-            S, slope = coefficients[k, powers - 1], 0.0
-            for p in range(powers - 2, -1, -1):
-                slope = slope * u + S
-                S = S * u + coefficients[k, p]
-            predicted = np.exp(common[0]) * S
-            H[0], H[1] = predicted, predicted * slope / (S * half)
-            for j in range(M):
-                innovation = force[k] - predicted
-                for a in range(n):
-                    innovation -= H[a] * (x[j, a] - common[a])
-                    column[a] = 0.0
-                    for b in range(n):
-                        column[a] += P[j, a, b] * H[b]
-                total = variance
-                for a in range(n):
-                    total += H[a] * column[a]
-                for a in range(n):
-                    G[a] = column[a] / total
-                    mean[j, a] = x[j, a] + G[a] * innovation
-                for a in range(n):
-                    for b in range(n):
-                        keep[a, b] = (1.0 if a == b else 0.0) - G[a] * H[b]
-                for a in range(n):
-                    for b in range(n):
-                        product[a, b] = 0.0
-                        for c in range(n):
-                            product[a, b] += keep[a, c] * P[j, c, b]
-                for a in range(n):
-                    for b in range(a + 1):
-                        updated = G[a] * variance * G[b]
-                        for c in range(n):
-                            updated += 0.5 * (product[a, c] * keep[b, c] + product[b, c] * keep[a, c])
-                        covariance[j, a, b] = updated
-                        covariance[j, b, a] = updated
-                logarithm[j] = np.log(prior[j]) - 0.5 * (innovation * innovation / total + np.log(2 * np.pi * total))
-            top = logarithm.max()
-            total = 0.0
-            for j in range(M):
-                weight[j] = np.exp(logarithm[j] - top)
-                total += weight[j]
-            for a in range(n):
-                found[s, k, a] = 0.0
-            for j in range(M):
-                weight[j] /= total
-                for a in range(n):
-                    found[s, k, a] += weight[j] * mean[j, a]
+                x[j], P[j] = moved_x[j], moved_P[j]
+                for p in range(4):
+                    found[k, p] += probability[j] * x[j, p]
+
+    return loop
+
+
+_models = _compiled(STAMP)

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from millcal.numerics.ensemble_kalman import Inflation
-from millcal.numerics.interacting_models import Mixture, Model, start, switching
+from millcal.numerics.interacting_kernel import Motions
+from millcal.numerics.interacting_models import Mixture, start, switching
 from millcal.numerics.smoothing import Problem, Trajectory, smooth
 from millcal.numerics.trend_models import independent, layout_of, shared
 from millcal.physics.disc_filters import follow_ensemble, follow_least_squares, follow_models
@@ -94,23 +95,17 @@ def by_models(cut: SimulatedCut, members: np.ndarray) -> np.ndarray:
 
     They begin where the ensemble is, with its covariance.   members : (start, member, 4)   returns (start, active, 4)
     """
-    tables = _tables(CHIP)
-    drift = np.array([[1.0, 0, 1], [0, 1, 0], [0, 0, 1]])
-    shape = np.array([[1 / 3, 0, 1 / 2], [0, 0, 0], [1 / 2, 0, 1]])
-    models = [Model(drift if q else np.diag([1.0, 1.0, 0.0]), q**2 * shape) for q in DRIFTS]
-    found = []
-    for i in range(2):
-        states = _levels(members[..., 2 * i : 2 * i + 2])
-        paths = follow_models(
-            tables,
-            cut.active_force[:, i],
-            cut.sigma[i],
-            [_beginning(state) for state in states],
-            models=models,
-            chances=switching(len(models), STAY),
-        )
-        found.append(_coefficients(paths[..., :2]))
-    return np.concatenate(found, axis=2)
+    motions = Motions(np.array([0, 2]), np.array([4, 5]), np.zeros(len(DRIFTS)), np.array(DRIFTS))
+    levels = np.concatenate([_levels(members[..., :2]), _levels(members[..., 2:])], axis=-1)
+    paths = follow_models(
+        _tables(CHIP),
+        cut.active_force,
+        cut.sigma,
+        [_beginning(state) for state in levels],
+        motions=motions,
+        chances=switching(len(DRIFTS), STAY),
+    )
+    return np.concatenate([_coefficients(paths[..., :2]), _coefficients(paths[..., 2:])], axis=2)
 
 
 def by_smoothing(cut: SimulatedCut) -> tuple[np.ndarray, Trajectory]:
@@ -192,10 +187,10 @@ def _coefficients(states: np.ndarray) -> np.ndarray:
 
 
 def _beginning(state: np.ndarray) -> Mixture:
-    """All models where an ensemble is.   state : kappa, m of the members, (member, 2)"""
-    covariance = np.diag([0.0, 0.0, SPEED**2])
-    covariance[:2, :2] = np.cov(state.T, bias=True)
-    return start(np.append(state.mean(axis=0), 0.0), covariance, len(DRIFTS))
+    """All models where an ensemble is.   state : kappa and m of both directions, of the members, (member, 4)"""
+    covariance = np.diag([0.0] * 4 + [SPEED**2] * 2)
+    covariance[:4, :4] = np.cov(state.T, bias=True)
+    return start(np.append(state.mean(axis=0), [0.0, 0.0]), covariance, len(DRIFTS))
 
 
 @lru_cache(maxsize=4)

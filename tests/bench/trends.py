@@ -7,6 +7,7 @@ import numpy as np
 from measure import spread, table
 
 from millcal.numerics import ensemble_kalman, interacting_models, recursive_least_squares
+from millcal.numerics.interacting_kernel import Motions, transitions
 from millcal.physics.disc_filters import follow_ensemble, follow_least_squares, follow_models
 from millcal.physics.disc_force import shape, shape_and_slope, shape_tables
 from millcal.studies.trending_cuts import BOX, CONDITIONS, DISCS, REFERENCE_CHIP, geometry, simulate_case
@@ -17,8 +18,7 @@ SAMPLES = np.count_nonzero(CUT.active)
 DISC_HEIGHT = CONDITIONS.axial_depth / DISCS
 INFLATION = inflation_of(50, 10.0)
 STARTS = 1000
-DRIFT = np.array([[1.0, 0, 1], [0, 1, 0], [0, 0, 1]])
-MODELS = [interacting_models.Model(DRIFT, np.diag([0, 0, q**2])) for q in (0.0, 1e-5, 1e-4)]
+MOTIONS = Motions(np.array([0, 2]), np.array([4, 5]), np.zeros(3), np.array([0.0, 1e-5, 1e-4]))
 CHANCES = interacting_models.switching(3, 0.999)
 
 
@@ -90,22 +90,27 @@ def plain_least_squares(tables, start):
 
 
 def plain_models(tables, start):
-    state, found = start, np.empty((SAMPLES, 3))
+    state, found = start, np.empty((SAMPLES, 4))
+    models = transitions(MOTIONS, 6)
     for sample, here in enumerate([at(tables, sample) for sample in range(SAMPLES)]):
 
         def observe(x, here=here):
-            value, slope = shape_and_slope(here, x[1:2])
-            return np.exp(x[0]) * value, np.exp(x[0]) * np.array([[value[0], slope[0], 0.0]])
+            predicted, slopes = np.empty(2), np.zeros((2, 6))
+            for d in range(2):
+                value, slope = shape_and_slope(here, x[2 * d + 1 : 2 * d + 2])
+                predicted[d], slopes[d, 2 * d + 1] = np.exp(x[2 * d]) * value[0], np.exp(x[2 * d]) * slope[0]
+                slopes[d, 2 * d] = predicted[d]
+            return predicted, slopes
 
         state, info = interacting_models.step(
             state,
-            CUT.active_force[sample, :1],
-            models=MODELS,
+            CUT.active_force[sample],
+            models=models,
             chances=CHANCES,
             observe=observe,
-            noise=np.array([[CUT.sigma[0] ** 2]]),
+            noise=np.diag(CUT.sigma**2),
         )
-        found[sample] = info.mean
+        found[sample] = info.mean[:4]
     return found
 
 
@@ -128,7 +133,8 @@ def filters(options):
     start = members.mean(axis=0)[:2]
     levels = shape_tables(chips, DISC_HEIGHT, 0.06e-3)
     levels = levels._replace(coefficients=1e6 * levels.coefficients)
-    begin = interacting_models.start(np.array([8.2, 0.4, 0.0]), np.diag([0.1, 0.03, 1e-6]), 3)
+    spread_of = np.diag([0.1, 0.03, 0.1, 0.03, 1e-6, 1e-6])
+    begin = interacting_models.start(np.array([8.2, 0.4, 7.4, 0.5, 0.0, 0.0]), spread_of, 3)
 
     def ensemble(inflation):
         return follow_ensemble(
@@ -141,7 +147,7 @@ def filters(options):
         )[0]
 
     def models():
-        return follow_models(levels, CUT.active_force[:, 0], CUT.sigma[0], [begin], models=MODELS, chances=CHANCES)[0]
+        return follow_models(levels, CUT.active_force, CUT.sigma, [begin], motions=MOTIONS, chances=CHANCES)[0]
 
     discs, polynomials = by_discs(chips), by_polynomials(tables)
 
@@ -156,7 +162,7 @@ def filters(options):
         ("", "compiled", lambda: ensemble(INFLATION), 20),
         ("RLS with box, one direction", "plain step", lambda: plain_least_squares(tables, start), 1),
         ("", "compiled", least_squares, 50),
-        ("IMM of three, one direction", "plain step", lambda: plain_models(levels, begin), 1),
+        ("IMM of three, both directions", "plain step", lambda: plain_models(levels, begin), 1),
         ("", "compiled", models, 50),
     )
     rows, reference = [], (None, 0.0)

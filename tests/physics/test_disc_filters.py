@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from millcal.numerics import ensemble_kalman, interacting_models, recursive_least_squares
+from millcal.numerics.interacting_kernel import Motions, transitions
 from millcal.physics.cutter import Cutter, CuttingConditions
 from millcal.physics.disc_filters import follow_ensemble, follow_least_squares, follow_models
 from millcal.physics.disc_force import disc_chips, is_cutting, shape_and_slope, shape_tables
@@ -108,28 +109,29 @@ def test_least_squares_are_the_plain_step(tables, force, limits):
 
 
 def test_interacting_models_are_the_plain_step(tables, force):
-    drift = np.array([[1.0, 0, 1], [0, 1, 0], [0, 0, 1]])
-    models = [
-        interacting_models.Model(np.diag([1.0, 1, 0]), np.zeros((3, 3))),
-        interacting_models.Model(drift, 1e-8 * np.array([[1 / 3, 0, 0.5], [0, 0, 0], [0.5, 0, 1]])),
-    ]
+    motions = Motions(np.array([0, 2]), np.array([4, 5]), np.zeros(2), np.array([0.0, 1e-4]))
     chances = interacting_models.switching(2, 0.99)
-    P = np.array([[0.2, 0.05, 0], [0.05, 0.03, 0], [0, 0, 1e-6]])
-    starts = [interacting_models.start(np.array([level, 0.4, 0]), P, 2) for level in (7.1, 7.6)]
-    fast = follow_models(tables, force[:, 0], SIGMA[0], starts, models=models, chances=chances)
+    P = np.diag([0.2, 0.03, 0.2, 0.03, 1e-6, 1e-6])
+    P[0, 1] = P[1, 0] = 0.05
+    starts = [interacting_models.start(np.array([a, 0.4, b, 0.5, 0, 0]), P, 2) for a, b in ((7.1, 6.5), (7.6, 6.1))]
+    fast = follow_models(tables, force, SIGMA, starts, motions=motions, chances=chances)
     for state, found in zip(starts, fast, strict=True):
-        for k, observation in enumerate(force[:, 0]):
+        for k, observation in enumerate(force):
 
             def observe(x, here=tables.of(slice(k, k + 1))):
-                value, slope = shape_and_slope(here, x[1:2])
-                return np.exp(x[0]) * value, np.exp(x[0]) * np.array([[value[0], slope[0], 0.0]])
+                predicted, slopes = np.empty(2), np.zeros((2, 6))
+                for d in range(2):
+                    value, slope = shape_and_slope(here, x[2 * d + 1 : 2 * d + 2])
+                    predicted[d] = np.exp(x[2 * d]) * value[0]
+                    slopes[d, 2 * d], slopes[d, 2 * d + 1] = predicted[d], np.exp(x[2 * d]) * slope[0]
+                return predicted, slopes
 
             state, info = interacting_models.step(
                 state,
-                np.array([observation]),
-                models=models,
+                observation,
+                models=transitions(motions, 6),
                 chances=chances,
                 observe=observe,
-                noise=np.array([[SIGMA[0] ** 2]]),
+                noise=np.diag(np.square(SIGMA)),
             )
-            assert found[k] == pytest.approx(info.mean, rel=1e-9, abs=1e-12)
+            assert found[k] == pytest.approx(info.mean[:4], rel=1e-8, abs=1e-11)
