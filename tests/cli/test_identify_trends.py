@@ -2,41 +2,17 @@
 
 import csv
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from short_cuts import CHIPPED, TRUTH, record_cut
 
 from millcal.cli import main
 from millcal.data import CoefficientHistory
-from millcal.io.recordings import write_recording
 from millcal.io.results import read_provenance, read_result
-from millcal.physics.changing_coefficients import STEADY, Chip, Trend
-from millcal.physics.cutter import Cutter, CuttingConditions
-from millcal.physics.cutting_force import Kienzle
-from millcal.physics.measuring_chain import MeasuringChain
-from millcal.simulation import Timeline, simulate_cut
 
-LAW = Kienzle(specific_force=np.array([1500e6, 420e6, 240e6]), rise=np.array([0.21, 0.46, 0.34]))
-CUTTER = Cutter(diameter=12e-3, teeth=2, helix=np.pi / 6, runout=8e-6, runout_angle=np.pi / 3)
 NLS = ("--method", "nls")
 TABLE = "s_mm,axial_depth_mm,entry_deg,exit_deg,feed_direction_deg\n0,2,110,180,0\n40,2,110,180,0\n"
-
-
-def record_cut(path, *, feed=80e-6, seed=0, **more):
-    recording, _ = simulate_cut(
-        LAW,
-        CUTTER,
-        CuttingConditions(80 * np.pi, feed, 2e-3, 4e-3, "down"),
-        rng=np.random.default_rng(seed),
-        sample_rate=4000.0,
-        timeline=Timeline(0.5, 0.2, 0.2, 0.05),
-        dynamometer=MeasuringChain(noise=2.0, lowpass=600.0, lowpass_order=2),
-        name=path.name,
-        **more,
-    )
-    known = replace(CUTTER, runout=0.0, runout_angle=0.0)  # as a shop knows its cutter
-    write_recording(path, replace(recording, cutter=known))
 
 
 @pytest.fixture(scope="module")
@@ -44,9 +20,7 @@ def cuts(tmp_path_factory):
     """A steady cut, one whose edge chips, and one at another feed.   returns the folder"""
     folder = tmp_path_factory.mktemp("cuts")
     record_cut(folder / "steady.h5")
-    record_cut(
-        folder / "chipped.h5", seed=1, trend=Trend((STEADY,) * 3, (STEADY,) * 3, (Chip(0.5, (0.15, 0.15, 0.15)),))
-    )
+    record_cut(folder / "chipped.h5", seed=1, trend=CHIPPED)
     record_cut(folder / "coarse.h5", feed=120e-6, seed=2)
     (folder / "path.csv").write_text(TABLE)
     return folder
@@ -81,7 +55,7 @@ def test_the_truth_comes_back_with_its_intervals_in_the_shape_of_the_contract(ru
     assert {"coefficients", "verdict", "r2", "residual_rms_N", "jumps", "slope_percent_per_min", "history"} <= set(
         result
     )
-    for name, value in {"kt": 1500, "kr": 420, "ka": 240, "mt": 0.21, "mr": 0.46, "ma": 0.34}.items():
+    for name, value in TRUTH.items():
         entry = result["coefficients"][name]
         assert entry["unit"] == ("1" if name[0] == "m" else "N/mm^2")
         assert abs(entry["value"] - value) < max(5 * entry["sd"], 0.01 * value), name

@@ -380,8 +380,9 @@ def _filtered(
     late = kept[len(kept) // 2 :]
     weight = followed.count[late][:, np.newaxis]
     chi2 = float(np.mean(np.sum(followed.innovation_square[late] * weight, axis=0) / weight.sum()))
-    names = [f"{what} {d}" for d in "tra"[: record.directions] for what in ("level", "shape")] + ["c0", "s0"]
-    notices = judge.bound_notices(followed.at_bound[kept], names)
+    names = [f"{what} {d}" for d in "tra"[: record.directions] for what in ("level", "shape")]
+    names += ["c0", "s0"] if runout else []  # what is held lies at its bounds by that alone
+    notices = judge.bound_notices(followed.at_bound[kept][:, : len(names)], names)
     if noise.order:
         notices.append(
             Notice(
