@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from changing_cuts import RUNOUT, Effects, models, recorded
+from changing_cuts import RUNOUT, Effects, long_cut, models, recorded
 
 from millcal.numerics.smoothing import smooth
 from millcal.studies import trending_cuts as cuts
@@ -125,6 +125,21 @@ def test_without_a_shared_trend_to_lean_on_the_error_is_what_it_was():
         assert np.all(smoothed(case, 2, chosen=(0,)).error[:, 0] <= most)
 
 
+def in_blocks_of_a_pass(seconds):
+    record = long_cut(seconds)
+    found = smooth(record.problem, models(), block=56)
+    return found, *record.errors(found.mean, found.covariance), np.searchsorted(record.problem.time, 0.6)
+
+
+def test_a_longer_cut_in_blocks_of_a_pass():
+    """The jump comes to its place though no block begins there."""
+    found, error, cover, true = in_blocks_of_a_pass(6)
+    (jump,) = np.searchsorted(found.fit.problem.block, found.fit.jumps)
+    assert abs(jump - true) <= 15
+    assert np.all(error < [1.6, 50, 0.01]), error
+    assert np.all(cover > 0.65), cover
+
+
 # ---- runout and low-pass
 
 LOW_PASS = Effects(low_pass=300.0)
@@ -189,6 +204,16 @@ def test_every_case_is_followed_over_many_seeds():
     false = sum(len(jumps) for case in smooth_cases for jumps in usual(case, MANY).jumps)
     assert false <= len(smooth_cases) * MANY / 20
     assert usual("split", MANY).name == ["independent"] * MANY
+
+
+@pytest.mark.long
+def test_a_minute():
+    found, error, cover, true = in_blocks_of_a_pass(60)
+    assert found.fit.model.name == "independent"
+    (jump,) = np.searchsorted(found.fit.problem.block, found.fit.jumps)
+    assert abs(jump - true) <= 5
+    assert np.all(error < [0.8, 40, 0.008]), error
+    assert np.all(cover > 0.85), cover
 
 
 @pytest.mark.long
