@@ -2,6 +2,8 @@
 
 import csv
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -201,3 +203,13 @@ def test_what_cannot_be_done_is_one_line_and_leaves_no_file(run, tmp_path, cuts,
     assert "Traceback" not in err
     assert list(tmp_path.iterdir()) == []
     assert sorted(path.name for path in cuts.iterdir()) == before
+
+
+def test_a_method_that_does_not_follow_waits_for_no_compiler(cuts, tmp_path):
+    script = (
+        "import sys\nfrom millcal.cli import main\n"
+        "try:\n    main(sys.argv[1:])\nexcept SystemExit as end:\n    assert not end.code\n"
+        "assert 'numba' not in sys.modules"
+    )
+    files = [str(cuts / "steady.h5"), "-o", str(tmp_path / "c.h5"), "--quiet"]
+    subprocess.run([sys.executable, "-c", script, "identify", *files], check=True, capture_output=True)
