@@ -115,4 +115,8 @@ def note_motion(turns: Revolutions, ac_rms: np.ndarray, harmonics: int, note: No
     drift = thirds[2].mean(axis=1) - thirds[0].mean(axis=1)
     told = [f"{axis} {drift[row]:+.3g} N" for row, axis in enumerate(AXES) if abs(drift[row]) > 0.05 * ac_rms[row]]
     if told:
-        note("mean-drift", f"the mean force moves from the first to the last third of the cut: {', '.join(told)}")
+        note(
+            "mean-drift",
+            f"the mean force moves from the first to the last third of the cut: {', '.join(told)}; if that is wear and not the "
+            "amplifier, method smooth follows it",
+        )
