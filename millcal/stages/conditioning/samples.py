@@ -176,10 +176,10 @@ def _angle(
     angle = spindle_angle.encoder_angle(recording, *span, cycle, note)
     if angle is not None:
         return angle, "encoder"
+    teeth = recording.cutter.teeth
     angle = spindle_angle.pulse_angle(recording, *span, cycle, note)
     if angle is not None:
-        return angle, "pulse"
-    teeth = recording.cutter.teeth
+        return (spindle_angle.with_speed_of_force(angle, force, teeth, where) if steady else angle), "pulse"
     return spindle_angle.speed_angle(force, span[0], cycle, teeth, where, note, steady=steady), "speed"
 
 

@@ -21,6 +21,7 @@ FARTHEST = 0.2  # from the stated speed, of an encoder or a pulse that is believ
 FEWEST_PULSES = 0.5  # of those expected
 REACH = 3  # revolutions beside the cut whose pulses help
 TO_A_SAMPLE = 0.6  # samples: pulses that are this near to a constant speed say nothing of another
+FEW_SAMPLES = 2.0  # from the first pulse to the last, by which their speed may be wrong
 WANDERS = 0.006  # rad, rms, of a spindle whose speed is not constant: less may be the force that changes its shape
 ROUNDS = 4
 LOOK = 32  # revolutions in the middle, over which the speed may pass for constant
@@ -142,6 +143,21 @@ def _turns_between(marks: np.ndarray, turns: np.ndarray, start: int, stop: int) 
     before = (samples - smooth[0]) * ahead / (smooth[ahead] - smooth[0])
     after = number[-1] + (samples - smooth[-1]) * ahead / (smooth[-1] - smooth[-1 - ahead])
     return np.where(samples < smooth[0], before, np.where(samples > smooth[-1], after, inner))
+
+
+def with_speed_of_force(angle: np.ndarray, force: np.ndarray, teeth: int, where: str) -> np.ndarray:
+    """Where pulses say that the speed is constant, the harmonics of the force say it far better than pulses known to a sample.
+
+    angle : (sample,) rad, by the pulses   force : (axis, sample)   returns (sample,) rad, the same in the middle of the cut
+    """
+    length = len(angle)
+    by_pulses = (angle[-1] - angle[0]) / (TURN * (length - 1))
+    if np.ptp(np.diff(angle)) > 1e-6 * by_pulses:
+        return angle
+    cycle = spindle_cycle(spectra.reader_of(force), 0, length, by_pulses, teeth, where, lambda *_: None).cycle
+    if abs(cycle / by_pulses - 1) * length > FEW_SAMPLES:  # more than quantised pulses can be off by
+        return angle
+    return angle[length // 2] + TURN * cycle * (np.arange(length) - length // 2)
 
 
 def speed_angle(
