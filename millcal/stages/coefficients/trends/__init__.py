@@ -29,6 +29,7 @@ from millcal.stages.coefficients.trends.filters import (
     corner_parameters,
     limits_of,
 )
+from millcal.stages.coefficients.trends.offset import offset_spread
 from millcal.stages.coefficients.trends.problem import CutRecord, Noise, cut_record, noise_of, used_samples
 from millcal.stages.coefficients.trends.smooth import correlation_time, samples_per_pass, smooth_cut, wear_of
 from millcal.stages.coefficients.trends.start import Start, find_start, prior_of, winds
@@ -153,6 +154,8 @@ def follow_coefficients(
             inflation=(inflate_every, inflated_share, 1 / inflation) if method == "enkf-inflated" else None,
         )  # fmt: skip
     course, phase, chi2, more = found
+    unsure = offset_spread(record, noise, used, _by_cut(record, course, phase), prior[1])
+    course = course._replace(covariance=course.covariance + unsure[record.cut[course.at]])
     over_time = parameters_over_time(record, course, phase, hold="nearest" if method == "smooth" else "before")
     modelled = record.response(over_time, slopes=False)[0]
     scored = record.settled(record.memory)
@@ -194,6 +197,15 @@ def follow_coefficients(
         notices=notices,
         **more,
     )
+
+
+def _by_cut(record: CutRecord, course: Course, phase: np.ndarray) -> np.ndarray:
+    """Mean parameters of each cut, phases last.   returns (cut, parameter)"""
+    cut = record.cut[course.at]
+    mean = [
+        np.mean(course.mean[cut == number] if number in cut else course.mean, axis=0) for number in range(len(phase))
+    ]
+    return np.concatenate([mean, np.broadcast_to(phase, (len(phase), len(phase)))], axis=1)
 
 
 def _prior(
