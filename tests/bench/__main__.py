@@ -10,6 +10,7 @@ import sys
 from importlib.metadata import version
 from pathlib import Path
 
+from followed_cut import followed_cut
 from force import force
 from impact import impact
 from main_job import main_job
@@ -27,6 +28,7 @@ SECTIONS = {
     "Stability map": stability,
     "Trends": trends,
     "Smoother": smoother,
+    "A minute of a cut": followed_cut,
     "Main job": main_job,
 }
 
