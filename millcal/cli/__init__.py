@@ -116,6 +116,10 @@ def main(arguments: list[str] | None = None) -> None:
         sys.exit(0)
     except (KeyboardInterrupt, typer.Abort):
         code = INTERRUPTED
+    except SystemError as problem:  # what an interrupt becomes within a compiled loop
+        if not isinstance(problem.__cause__ or problem.__context__, KeyboardInterrupt):
+            raise
+        code = INTERRUPTED
     if code == INTERRUPTED:  # typer makes the code of a KeyboardInterrupt, and says nothing
         typer.echo("error: millcal: interrupted; nothing was left half written", err=True)
     sys.exit(code if isinstance(code, int) else 0)

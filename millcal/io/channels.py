@@ -88,7 +88,7 @@ def choose_channels(
         if measured is None:
             continue
         quantity, unit, gain = measured
-        dof = dof or table.dof or column.dof or TIP_FORCES.get(name if mapping else "") or _dof_of(name)
+        dof = dof or table.dof or (mapping and TIP_FORCES.get(name)) or column.dof or _dof_of(name)
         if dof.startswith(("-", "+")):
             sign, dof = (-sign if dof[0] == "-" else sign), dof[1:]
         if quantity == "force" and (column.acts_on or acts_on or "tool") == "workpiece":
