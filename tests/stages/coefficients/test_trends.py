@@ -189,13 +189,40 @@ def test_bounds_make_the_prior_of_the_smoother_and_the_box_of_the_ensemble():
         ({"law": "exponential"}, "coefficients.law"),
         ({"runout": "free"}, "coefficients.runout"),
         ({"forgetting": 1.2}, "coefficients.forgetting"),
+        ({"members": 2, "method": "enkf"}, "coefficients.members"),
         ({"bounds": {"kt": (1e9, 2e9)}}, "mt is not"),
+        ({"bounds": {"kt": (2e9, 1e9), "mt": (0.1, 0.3)}}, "let low be below"),
+        ({"bounds": {"kt": (0.0, 2e9), "mt": (0.1, 0.3)}}, "nothing or less"),
         ({"bounds": {"Ktc": (1e9, 2e9), "Kte": (1e3, 2e3)}}, "no coefficient of the kienzle law"),
     ],
 )
 def test_what_cannot_be_is_refused_with_its_key(options, said):
     with pytest.raises(RecipeError, match=said):
         followed(cut(seconds=0.3), **options)
+
+
+def test_a_channel_that_never_changes_is_refused():
+    found = cut(seconds=0.3)
+    dead = replace(found, force=found.force * np.array([[1.0], [1.0], [0.0]]))
+    with pytest.raises(IllPosedError, match="along z never changes"):
+        followed(dead)
+
+
+@pytest.mark.parametrize(("stated", "told"), [(0.3, False), (0.5, True)])
+def test_a_stated_spindle_phase_that_the_force_contradicts_is_told(stated, told):
+    recording, _ = simulate_cut(
+        STEEL,
+        WORN,
+        CONDITIONS,
+        rng=np.random.default_rng(0),
+        sample_rate=5000.0,
+        timeline=Timeline(0.3, 0.2, 0.2, 0.05),
+        dynamometer=MeasuringChain(noise=8.0),
+        encoder=2048,
+        pulse_angle=0.3,
+    )
+    found = followed(sample_cut(recording, spindle_phase=stated), method="rls")
+    assert any(notice.code == "phase-off" for notice in found.notices) == told
 
 
 def test_a_low_pass_beyond_half_the_sample_rate_and_no_cuts_are_refused():

@@ -97,6 +97,15 @@ def follow_coefficients(
         raise RecipeError(
             f"coefficients.forgetting: {forgetting:g} is not in (0, 1]; 0.98 forgets over some 50 samples"
         )
+    for name, number, least in (
+        ("members", members, 10),
+        ("inflate_every", inflate_every, 1),
+        ("inflation", inflation, 1),
+        ("nodes", nodes, 2),
+        ("chain_lowpass_order", lowpass_order, 1),
+    ):
+        if number < least:
+            raise RecipeError(f"coefficients.{name}: {number:g} is below {least}; raise it")
     if not cuts:
         raise IllPosedError("cuts: there are none; name at least one recording of a cut")
     tell = progress or (lambda share, label: None)
@@ -129,6 +138,7 @@ def follow_coefficients(
     if used.sum() < 20 * record.parameters:
         raise IllPosedError(
             f"cuts: {int(used.sum())} samples with a chip are too few for {record.parameters} parameters; give a longer cut"
+            + ("" if record.every == 1 else ", or a higher conditioning.lowpass_hz")
         )
     beyond = _beyond_noise(start, noise)
     hints = _hints(record, start, noise, beyond, runout=fitted, known=known, lowpass=lowpass, smoothing=smoothing)
@@ -178,6 +188,7 @@ def follow_coefficients(
     if method != "smooth":
         checks.append(judge.check_followed(course.innovation_square, course.count))
     notices += judge.one_feed_notice(record)
+    notices += judge.phase_notices(record, phase)
     if followed:
         notices += judge.runout_notices(record, sd[-1, 2 * D : 2 * D + 2], prior[1][2 * D : 2 * D + 2])
     notices += more.pop("notices", [])

@@ -69,7 +69,19 @@ def bounds_by_direction(
             other = next(name for name in names if name != have[0])
             raise RecipeError(f"coefficients.bounds: {have[0]} is bounded and {other} is not; give both, or neither")
         if have:
+            for name in names:
+                low, high = given[name]
+                if not low < high:
+                    raise RecipeError(
+                        f"coefficients.bounds: {name} has {low:g} as low and {high:g} as high; let low be below"
+                    )
             found[d] = (tuple(given.pop(names[0])), tuple(given.pop(names[1])))
+            try:
+                corner_parameters(record, found[d])
+            except ValueError:
+                raise RecipeError(
+                    f"coefficients.bounds: {names[0]} and {names[1]} allow a force of nothing or less; raise their lower bounds"
+                ) from None
     if given:
         raise RecipeError(
             f"coefficients.bounds: {next(iter(given))} is no coefficient of the {record.law} law in these axes"

@@ -13,6 +13,7 @@ SMALL_RESIDUAL = 0.1  # of the rms of the force: below, a law that is not exact 
 SHAPE_SD, COEFFICIENT_SD = 0.05, 0.10  # above, level and shape are not told apart
 UNSEEN = 0.7  # of the prior's sd: the record has said next to nothing
 AT_BOUND = 0.05
+PHASE_OFF = 0.05  # rad, from the stated phase
 MEANS = 0.05  # of a mean force, by which it may be missed
 LINE_SHARE, MOSTLY = 0.1, 0.5  # of the residual's power: a line worth telling, and lines that are most of it
 RESTLESS = (0.5, 1.5)  # mean square of normalised innovations that a consistent filter stays within
@@ -168,6 +169,19 @@ def one_feed_notice(record: CutRecord) -> list[Notice]:
         "them better"
     )
     return [Notice("single-feed", message, "cuts", "note")]
+
+
+def phase_notices(record: CutRecord, phase: np.ndarray) -> list[Notice]:
+    """Cuts whose stated spindle phase the force contradicts.   phase : (cut,) rad, what was found beside the stated"""
+    told = []
+    for cut, off in zip(record.cuts, np.angle(np.exp(1j * phase)), strict=True):
+        if cut.angle_from == "stated" and abs(off) > PHASE_OFF:
+            message = (
+                f"the force says {to_shop(float(off), 'x_deg'):+.1f} deg against the stated spindle phase; the runout's angle "
+                "counts from where the force has it, check spindle_phase_deg"
+            )
+            told.append(Notice("phase-off", message, cut.name))
+    return told
 
 
 def conclude(checks: Sequence[Check], residual_share: np.ndarray) -> str:

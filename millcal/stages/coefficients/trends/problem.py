@@ -185,6 +185,12 @@ def cut_record(
     if any(abs(cut.sample_rate / rate - 1) > 1e-6 for cut in cuts):
         raise IllPosedError("cuts: their sample rates differ; follow them one by one")
     axes = tuple(axis for axis in AXES if all(axis in cut.axes for cut in cuts))
+    for cut in cuts:
+        dead = [axis for axis in axes if not np.ptp(cut.force[cut.axes.index(axis)]) > 0]
+        if dead:
+            raise IllPosedError(
+                f"{cut.name}: the force along {' and '.join(dead)} never changes; mend the channel, or leave it out of the map"
+            )
     filtered, memory = None, 0
     if lowpass is not None:
         if not 0 < lowpass < rate / 2:

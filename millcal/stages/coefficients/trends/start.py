@@ -124,12 +124,19 @@ def find_start(
                 p[2 * D + 1] = 0.0 if only_c0 else reach * np.sin(2 * np.pi * around)
                 tried.append(_refined(record.of(one), p, wide, _only_cut(record, first, fixed)))
         best = min(tried, key=lambda fit: fit[1])
-    parameters = best[0]
-    for number in set(range(len(record.cuts))) - {first}:
+    parameters, _, covariance, left = _refined(record.of(one), best[0], sd, _only_cut(record, first, fixed))
+    residual = np.empty((len(part), len(record.axes)))
+    residual[one] = left
+    for number in set(range(len(record.cuts))) - {first}:  # of its own level: the edge may have worn in between
+        its = part & (record.cut == number)
         _, candidates = _scan(record, parameters, wide, number, signed=False)
-        parameters[2 * D + 2 + number] = candidates[0][2 * D + 2 + number]
-    parameters, _, covariance, residual = _refined(record.of(part), parameters, sd, fixed)
-    return Start(record, parameters, covariance, residual, part)
+        of_cut = _only_cut(record, number, np.ones(record.parameters, bool))
+        of_cut[0 : 2 * D : 2] = False
+        refits = [_refined(record.of(its), candidate, sd, of_cut) for candidate in candidates]
+        its_own, _, its_covariance, left = min(refits, key=lambda fit: fit[1])
+        at = 2 * D + 2 + number
+        parameters[at], covariance[at, at], residual[its] = its_own[at], its_covariance[at, at], left
+    return Start(record, parameters, covariance, residual[part], part)
 
 
 def _scan(
@@ -183,7 +190,7 @@ def _scan(
 
 
 def _only_cut(record: CutRecord, number: int, fixed: np.ndarray) -> np.ndarray:
-    """Fixed too: the phases of other cuts."""
+    """Fixed too: the phases of other cuts; that of this one is free."""
     mask = fixed.copy()
     own = 2 * record.directions + 2
     mask[own:] = np.arange(len(record.cuts)) != number
