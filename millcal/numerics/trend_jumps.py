@@ -8,7 +8,6 @@ References
 .. [deJong1988] P. de Jong, A cross-validation filter for time series models, Biometrika 75 (1988) 594-600.
 """
 
-
 import numpy as np
 
 from millcal.numerics.state_space import filter_states, shock_evidence, smooth_states
@@ -19,6 +18,7 @@ MOST_JUMPS = 8
 AT_ODDS = 3.5  # standard deviations by which a block's own residual may exceed what is usual
 LEAST_GAIN = 1.0  # of a jump at given scales, below which none is tried
 DOUBT = 3.0  # a guess of the evidence that misses by less than this is worth a fit
+APART = 10  # steps between two jumps at least: nearer ones are one that is not where it seems, or a misfit
 REACH = 60  # steps to either side over which the place of a jump is refined
 
 
@@ -56,7 +56,7 @@ def _promising(fit: TrendFit, scales: np.ndarray) -> tuple[np.ndarray, tuple[int
         filtered = filter_states(fit.model.dynamics, intensity, seen)
         smoothed = smooth_states(fit.model.dynamics, intensity, seen, filtered, covariance=False)
         gain = shock_evidence(smoothed, fit.model.shock)
-        gain[[0, *jumps]] = -np.inf
+        gain[_taken(fit, jumps)] = -np.inf
         at = int(np.argmax(gain))
         if gain[at] < LEAST_GAIN:
             break
@@ -69,6 +69,17 @@ def _promising(fit: TrendFit, scales: np.ndarray) -> tuple[np.ndarray, tuple[int
     return best
 
 
+def _taken(fit: TrendFit, jumps: tuple[int, ...] | list[int]) -> np.ndarray:
+    """Blocks where no further jump can be: the first, and those too near to one.   returns (block,) bool"""
+    first = np.searchsorted(fit.problem.block, np.arange(len(fit.state)))
+    taken = np.zeros(len(first), bool)
+    taken[0] = True
+    for at in jumps:
+        taken |= np.abs(first - first[at]) < APART
+        taken[at] = True
+    return taken
+
+
 def refined(fit: TrendFit, reach: int) -> TrendFit:
     """Each jump where its Bayes factor is largest, all others in place; twice."""
     for _ in range(2):
@@ -79,11 +90,12 @@ def refined(fit: TrendFit, reach: int) -> TrendFit:
             intensity = fit.scales[fit.model.scale_of]
             filtered = filter_states(fit.model.dynamics, intensity, seen)
             smoothed = smooth_states(fit.model.dynamics, intensity, seen, filtered, covariance=False)
+            gain = shock_evidence(smoothed, fit.model.shock)
+            gain[_taken(fit, others)] = -np.inf
             low = max(at - reach, 1)
-            gain = shock_evidence(smoothed, fit.model.shock)[low : at + reach + 1].copy()
-            taken = [other - low for other in others if low <= other < low + len(gain)]
-            gain[taken] = -np.inf
-            jumps[number] = low + int(np.argmax(gain))
+            near = gain[low : at + reach + 1]
+            if np.isfinite(near).any():
+                jumps[number] = low + int(np.argmax(near))
         if tuple(sorted(jumps)) == fit.jumps:
             break
         moved = fit_at(fit.problem, fit.model, fit.scales, sorted(jumps), start=fit)
