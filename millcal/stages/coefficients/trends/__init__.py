@@ -33,12 +33,11 @@ from millcal.stages.coefficients.trends.offset import offset_spread
 from millcal.stages.coefficients.trends.problem import CutRecord, Noise, cut_record, noise_of, used_samples
 from millcal.stages.coefficients.trends.smooth import correlation_time, samples_per_pass, smooth_cut, wear_of
 from millcal.stages.coefficients.trends.start import Start, find_start, prior_of, winds
+from millcal.units import to_shop
 
 LAWS = ("kienzle", "linear-edge")
 METHODS = ("smooth", "imm", "rls", "enkf", "enkf-inflated")
-CANDIDATES = 0.05 * 2.0 ** np.arange(
-    3, -3, -1
-)  # of the sample rate: corners of a low-pass that may have been forgotten
+CANDIDATES = 0.05 * 2.0 ** np.arange(2, -3, -1)  # of the sample rate: corners of a low-pass that may have been left out
 FORGOTTEN = 0.5  # a model that leaves less than this share of chi2's excess over 1 explains much
 
 Progress = Callable[[float, str], None]
@@ -141,7 +140,7 @@ def follow_coefficients(
             + ("" if record.every == 1 else ", or a higher conditioning.lowpass_hz")
         )
     beyond = _beyond_noise(start, noise)
-    hints = _hints(record, start, noise, beyond, runout=fitted, known=known, lowpass=lowpass, smoothing=smoothing)
+    hints = _hints(record, start, noise, beyond, runout=fitted, lowpass=lowpass, smoothing=smoothing)
     holds = beyond <= judge.REFUSE and noise.source != "residual"
     followed = fitted and holds
     prior = _prior(record, start, bounds, runout=followed, phase=holds)
@@ -180,6 +179,9 @@ def follow_coefficients(
     D = record.directions
     of_first = np.sqrt(np.einsum("scp,spq,scq->sc", slopes, course.covariance, slopes))[:, :D] / np.abs(values[:, :D])
     hints += judge.residual_lines(record, (record.force - modelled)[scored])
+    if method != "smooth":  # innovations say whether the filter knows its errors, residuals whether the law holds
+        late = np.flatnonzero(used)[used.sum() // 2 :]
+        chi2 = max(chi2, float(np.mean(((record.force - modelled)[late] / noise.sd) ** 2)))
     checks = [
         judge.check_noise(chi2, noise, share, hints),
         judge.check_means(record, modelled, scored),
@@ -187,6 +189,11 @@ def follow_coefficients(
     ]
     if method != "smooth":
         checks.append(judge.check_followed(course.innovation_square, course.count))
+    checks += [*more.pop("checks", []), judge.check_offset(record)]
+    notices += judge.change_notices(
+        record, course.mean[len(course.mean) // 20 if method != "smooth" else 0 :, 0 : 2 * D : 2]
+    )
+    notices += _assumed(record, lowpass, lowpass_order, smoothing, phase)
     notices += judge.one_feed_notice(record)
     notices += judge.phase_notices(record, phase)
     if followed:
@@ -208,6 +215,21 @@ def follow_coefficients(
         notices=notices,
         **more,
     )
+
+
+def _assumed(
+    record: CutRecord, lowpass: float | None, lowpass_order: int, smoothing: float | None, phase: np.ndarray
+) -> list[Notice]:
+    """What the answer rests on, for the record."""
+    chain = (
+        "no low-pass in the force chain"
+        if lowpass is None
+        else (f"a Butterworth low-pass of {lowpass:g} Hz, order {lowpass_order}, in the force chain, taken as exact")
+    )
+    extra = "" if smoothing is None else f", force and model smoothed at {smoothing:g} Hz"
+    found = ", ".join(f"{to_shop(float(angle), 'x_deg'):.2f}" for angle in phase)
+    message = f"assumed: {chain}{extra}; found: tooth 0 is {found} deg ahead of the recorded spindle angle"
+    return [Notice("assumed", message, "coefficients", "note")]
 
 
 def _by_cut(record: CutRecord, course: Course, phase: np.ndarray) -> np.ndarray:
@@ -257,32 +279,45 @@ def _hints(
     beyond: float,
     *,
     runout: bool,
-    known: tuple[float, float],
     lowpass: float | None,
     smoothing: float | None,
 ) -> list[str]:
-    """What would explain residuals that exceed the noise: a low-pass or a runout that the model does not have."""
+    """What would explain residuals that exceed the noise: a low-pass, a runout or a law that the model does not have."""
     if beyond <= judge.REFUSE or noise.source == "residual":
         return []
     hints = []
+
+    def explains(chi2: float) -> bool:
+        return chi2 - 1 < FORGOTTEN * (beyond - 1)
+
+    def otherwise(law: str, corner: float | None) -> float:
+        other = cut_record(
+            record.cuts, law=law, lowpass=corner, lowpass_order=2, smoothing=smoothing, nodes=record.nodes
+        )
+        return _beyond_noise(find_start(other, noise.sd, runout=False, known=start.runout), noise)
+
+    said = f"chi2 of the first revolutions from {beyond:.3g}"
     if not runout and record.cutter.teeth > 1:
         with_runout = _beyond_noise(find_start(record, noise.sd, runout=True, known=(0.0, 0.0)), noise)
-        if with_runout - 1 < FORGOTTEN * (beyond - 1):
-            hints.append(f'runout brings chi2 at the start from {beyond:.3g} to {with_runout:.3g}: set runout = "fit"')
+        if explains(with_runout):
+            hints.append(f'runout brings {said} to {with_runout:.3g}: set runout = "fit"')
+    law = next(other for other in LAWS if other != record.law)
     if lowpass is None:
-        rate = record.cuts[0].sample_rate
-        tried = []
-        for corner in CANDIDATES * rate:
-            other = cut_record(
-                record.cuts, law=record.law, lowpass=corner, lowpass_order=2, smoothing=smoothing, nodes=record.nodes
-            )
-            tried.append((_beyond_noise(find_start(other, noise.sd, runout=runout, known=known), noise), corner))
+        tried = [(otherwise(record.law, corner), corner) for corner in CANDIDATES * record.cuts[0].sample_rate]
+        for step in (2**0.5, 2**0.25):
+            near = min(tried)[1]
+            tried += [(otherwise(record.law, corner), corner) for corner in (near / step, near * step)]
         chi2, corner = min(tried)
-        if chi2 - 1 < FORGOTTEN * (beyond - 1):
+        if explains(chi2):
             hints.append(
-                f"a low-pass of about {corner:.0f} Hz in the force chain brings chi2 at the start from {beyond:.3g} to {chi2:.3g}: "
-                "state chain_lowpass_hz"
+                f"a low-pass of about {corner:.0f} Hz, order 2, in the force chain brings {said} to {chi2:.3g}: look up that "
+                "of the amplifier and state chain_lowpass_hz"
             )
+        other = otherwise(law, None)
+    else:
+        other = otherwise(law, lowpass)
+    if explains(other):
+        hints.append(f'the {law} law brings {said} to {other:.3g}: set law = "{law}"')
     return hints
 
 
@@ -351,7 +386,11 @@ def _smoothed(
             Notice("intervals-widened", f"the residuals exceed the noise: intervals are {max(widened, grown):.3g} times as wide "
                    "as the noise alone would make them", "cuts", "note")
         )  # fmt: skip
+    trends = trajectory.fit.scales[
+        np.unique(trajectory.fit.model.scale_of[: len(trajectory.fit.model.dynamics.speeds)])
+    ]
     more = {
+        "checks": [judge.check_pace(trends, trajectory.fit.converged)],
         "slope": wear.slope,
         "slope_sd": wear.sd * grown,
         "jumps": jumps_of(jump_sizes(trajectory.fit), time, record.directions),

@@ -11,6 +11,7 @@ from millcal.stages.coefficients.trends.problem import DIRECTIONS, CutRecord, No
 
 NORMAL = 1.959964  # half width of a 95 % interval in standard deviations
 MOST_STEPS = 1000
+DEEP = 0.5  # of the largest axial depth: a tool that leaves tells little
 WINDOWS = 3
 WINDOW_TURNS = 2.0  # revolutions of force that are drawn in each
 MOST_DRAWN = 800  # samples of a window
@@ -88,7 +89,7 @@ def history(
     residual = record.force - modelled
     missing = np.full(D, np.nan)
     return CoefficientHistory(
-        posterior=_posterior(record, course, values[-1], slopes[-1], signs, method, runout),
+        posterior=_posterior(record, course, values, slopes, signs, method, runout),
         method=method,
         cutter=record.cutter,
         conditions=tuple(cut.conditions for cut in record.cuts),
@@ -140,16 +141,19 @@ def _posterior(
     method: str,
     runout: bool,
 ) -> Posterior:
-    """The last step, with runout where it was followed."""
+    """The last step at which the tool was not yet leaving, with runout where it was followed."""
     D = record.directions
+    depth = record.passage.axial_depth[course.at]
+    end = int(np.flatnonzero(depth >= DEEP * depth.max())[-1])
+    values, slopes = values[end], slopes[end]
     names, units = names_of(record), tuple(np.repeat(UNITS[record.law], D))
     rows = slopes * signs[:, np.newaxis]
     mean = values
     if runout:
         names, units = (*names, "c0", "s0"), (*units, "m", "m")
         rows = np.concatenate([rows, np.eye(2, 2 * D + 2, 2 * D)])
-        mean = np.concatenate([values, course.mean[-1, -2:]])
-    covariance = rows @ course.covariance[-1] @ rows.T
+        mean = np.concatenate([values, course.mean[end, -2:]])
+    covariance = rows @ course.covariance[end] @ rows.T
     half = NORMAL * np.sqrt(np.maximum(np.diag(covariance), 0.0))
     return Posterior(
         names=names,
@@ -168,6 +172,9 @@ def _windows(record: CutRecord) -> tuple[np.ndarray, np.ndarray]:
     turn = 2 * np.pi / max(float(np.median(np.diff(record.passage.angle[: min(n, 1000)]))), 1e-12)
     length = int(min(WINDOW_TURNS * turn, MOST_DRAWN, n // WINDOWS))
     starts = np.linspace(min(record.memory, n - length), n - length, WINDOWS).astype(int)
+    for border in record.edges[1:-1]:  # a window lies within one piece
+        over = (starts < border) & (border < starts + length)
+        starts[over] = np.where(border + length <= n, border, border - length)
     at = np.concatenate([np.arange(start, start + length) for start in starts])
     return at, np.repeat(np.arange(WINDOWS), length)
 

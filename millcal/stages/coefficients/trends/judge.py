@@ -9,11 +9,14 @@ from millcal.stages.coefficients.trends.problem import DIRECTIONS, CutRecord, No
 from millcal.units import to_shop
 
 WARN, REFUSE = 1.10, 1.15  # chi2 of the stiff model: white noise stays below, ignored runout or a low-pass does not
+GROSS = 0.5  # of the rms of the force: this is no law that does not quite hold
 SMALL_RESIDUAL = 0.1  # of the rms of the force: below, a law that is not exact is still of use
 SHAPE_SD, COEFFICIENT_SD = 0.05, 0.10  # above, level and shape are not told apart
 UNSEEN = 0.7  # of the prior's sd: the record has said next to nothing
 AT_BOUND = 0.05
 PHASE_OFF = 0.05  # rad, from the stated phase
+RESTLESS_TREND = 60.0  # scale of a trend per record: above, it follows single teeth
+LARGE_CHANGE = 2.0
 MEANS = 0.05  # of a mean force, by which it may be missed
 LINE_SHARE, MOSTLY = 0.1, 0.5  # of the residual's power: a line worth telling, and lines that are most of it
 RESTLESS = (0.5, 1.5)  # mean square of normalised innovations that a consistent filter stays within
@@ -34,8 +37,10 @@ def check_noise(chi2: float, noise: Noise, residual_share: np.ndarray, hints: Se
     if chi2 <= REFUSE:
         doubt = "" if chi2 <= WARN else ": a little more than noise; look at the innovations"
         return Check(name, True, said + doubt)
-    hint = "; ".join(hints) or "look for chatter, a resonance of the dynamometer, a wrong engagement or another law"
-    return Check(name, False, f"{said} and {np.max(residual_share):.1%} of the force: {hint}")
+    told = list(hints) or ["look for chatter, a resonance of the dynamometer, a wrong engagement or another law"]
+    if np.max(residual_share) > GROSS:
+        told = ["first check the direction of the cut, the axis map, its signs and the number of teeth", *told]
+    return Check(name, False, f"{said} and {np.max(residual_share):.1%} of the force: {'; '.join(told)}")
 
 
 def residual_lines(record: CutRecord, residual: np.ndarray, most: int = 3) -> list[str]:
@@ -45,6 +50,9 @@ def residual_lines(record: CutRecord, residual: np.ndarray, most: int = 3) -> li
     window = np.hanning(n)[:, np.newaxis]
     power = np.sum(np.abs(np.fft.rfft((residual[:n] - residual[:n].mean(axis=0)) * window, axis=0)) ** 2, axis=1)
     wide = max(1, round(0.25 * spindle * n / rate))  # lines of a quarter of the spindle's frequency to either side
+    power[: max(wide, 2)] = 0.0
+    if not power.any():
+        return []
     rest, told, share = power.copy(), [], 0.0
     for _ in range(most):
         at = int(np.argmax(rest))
@@ -130,6 +138,44 @@ def check_followed(square: np.ndarray, count: np.ndarray) -> Check:
     return Check("innovations", True, said)
 
 
+def check_offset(record: CutRecord) -> Check:
+    """Whether an air cut told the offset of the amplifier."""
+    without = [short_name(cut) for cut in record.cuts if not cut.air_force.shape[1]]
+    if not without:
+        return Check("air cut", True, "offset and drift are those of the air cuts")
+    return Check(
+        "air cut",
+        False,
+        f"no air cut in {', '.join(without)}: an offset of the amplifier would be taken for edge force or exponent, and the "
+        "intervals do not know of it; record half a second of air before and after",
+    )
+
+
+def check_pace(scales: np.ndarray, converged: bool) -> Check:
+    """Whether what changes has been a trend.   scales : of the trends, per record"""
+    fastest = float(np.max(scales))
+    if converged and fastest < RESTLESS_TREND:
+        return Check("pace", True, "the coefficients change slowly beside the teeth")
+    what = (
+        f"the coefficients change as fast as the teeth pass (scale {fastest:.0f})"
+        if converged
+        else "the fit did not settle"
+    )
+    return Check("pace", False, f"{what}: runout, a low-pass or an engagement that the model lacks looks like that")
+
+
+def change_notices(record: CutRecord, level: np.ndarray) -> list[Notice]:
+    """Specific forces that change more than wear and chipped edges make them.   level : (step, direction), ln"""
+    most = float(np.exp(np.max(np.ptp(level, axis=0))))
+    if most < LARGE_CHANGE:
+        return []
+    message = (
+        f"a specific force changes {most:.3g}-fold within the record: engagement that is not as stated looks like that, such as "
+        "the ramp of an entry or exit; leave it out by steady_s, or give it in the engagement table"
+    )
+    return [Notice("large-change", message, "cuts")]
+
+
 def bound_notices(at_bound: np.ndarray, names: Sequence[str]) -> list[Notice]:
     """Parameters that lie at a bound for long.   at_bound : (step, parameter)"""
     late = at_bound[len(at_bound) // 2 :].mean(axis=0)
@@ -192,7 +238,7 @@ def conclude(checks: Sequence[Check], residual_share: np.ndarray) -> str:
         if np.max(residual_share) < SMALL_RESIDUAL:
             return f"fits in part: {reason}"
         return f"does not fit: {reason}"
-    for name in ("mean force", "innovations", "separable"):
+    for name in ("pace", "mean force", "innovations", "air cut", "separable"):
         if name in failed:
             return f"fits in part: {failed[name].message}"
     return "fits"
