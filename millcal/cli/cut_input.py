@@ -57,7 +57,7 @@ def read_cut(
     **how: Any,
 ) -> Any:
     """A cut, with cutter and conditions, from its file, the setup and what the command line says besides."""
-    from millcal.errors import RecipeError
+    from millcal.errors import RecipeError, RecordingError
     from millcal.io.engagement import read_engagement
     from millcal.io.recipes import Setup, read_setup
     from millcal.io.recordings import read_recording
@@ -70,6 +70,12 @@ def read_cut(
     recording = read_recording(
         path, setup=replace(stated, **{key: value for key, value in own.items() if value is not None}), **how
     )
+    if recording.kind != "cut":
+        raise RecordingError(f"{path}: is an {recording.kind} recording and no cut; give recordings of cuts")
+    if path_start is not None and recording.engagement is None:
+        raise RecipeError(
+            "--path-start-s: there is no path without an engagement table; give --engagement, or leave it out"
+        )
     for missing, value in (("cutter", recording.cutter), ("conditions", recording.conditions)):
         if value is None:
             raise RecipeError(f"{path}: no {missing} known; give --setup SETUP.toml with a [{missing}] table")

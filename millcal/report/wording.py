@@ -288,6 +288,18 @@ QUESTIONS = {
         "force",
         "the difference of measured and modelled force beside the range of the noise",
     ),
+    "pace": Question(
+        "The coefficients change slowly beside the teeth",
+        "The coefficients change as fast as the teeth pass",
+        "coefficient-history",
+        "swings from one tooth to the next",
+    ),
+    "air cut": Question(
+        "An air cut tells the offset of the amplifier",
+        "No air cut tells the offset of the amplifier",
+        "force",
+        "a difference of measured and modelled force that is not about zero",
+    ),
     "mean force": Question(
         "The mean forces are met",
         "The mean forces are not met",
