@@ -308,3 +308,11 @@ def test_windows_that_are_drawn_lie_within_one_cut():
     for number in range(3):
         window = found.shown[found.shown_window == number]
         assert window.max() <= border + 0.01 or window.min() >= border - 0.01
+
+
+def test_wear_within_the_first_revolutions_is_no_fault_of_the_law():
+    wear = ((0.35, 1.0), (0.95, 1.1))
+    found = followed(cut(seconds=0.6, trend=Trend(drift=(wear,) * 3)))
+    assert found.verdict == "fits"
+    assert found.runout is not None
+    assert not {"runout-held", "intervals-widened"} & {notice.code for notice in found.notices}

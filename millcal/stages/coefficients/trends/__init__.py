@@ -266,10 +266,23 @@ def _noise_of_residual(start: Start) -> Noise:
 
 
 def _beyond_noise(start: Start, noise: Noise) -> float:
-    """Mean square of the start's residuals over that of the noise."""
+    """Mean square of the start's residuals over that of the noise, without what other levels in each revolution explain.
+
+    Wear and a chipped edge change levels within the first revolutions already, and are no fault of the law.
+    """
     part = start.record.of(start.samples)
-    r = start.residual[part.settled(part.memory)] / noise.sd
-    return float(np.mean(r**2)) * r.size / max(r.size - len(start.parameters), 1)
+    D, seen = part.directions, part.settled(part.memory)
+    r = start.residual[seen] / noise.sd
+    columns = part.response(start.parameters)[1][seen][:, :, 0 : 2 * D : 2] / noise.sd[:, np.newaxis]
+    turn = np.unique(np.stack([part.cut, part.passage.angle // (2 * np.pi)])[:, seen], axis=1, return_inverse=True)[1]
+    turns = int(turn.max(initial=-1)) + 1
+    normal, along = np.zeros((turns, D, D)), np.zeros((turns, D))
+    np.add.at(normal, turn, np.einsum("sap,saq->spq", columns, columns))
+    np.add.at(along, turn, np.einsum("sap,sa->sp", columns, r))
+    size = np.maximum(np.trace(normal, axis1=1, axis2=2), 1e-300)[:, np.newaxis, np.newaxis]
+    level = np.linalg.solve(normal + 1e-9 * size * np.eye(D), along[:, :, np.newaxis])[:, :, 0]
+    r = r - np.einsum("sap,sp->sa", columns, level[turn])
+    return float(np.sum(r**2)) / max(r.size - len(start.parameters) - turns * D, 1)
 
 
 def _hints(
