@@ -273,7 +273,7 @@ def force_basis(
     if not alike:
         ends = _panels(cutter, conditions, offset, span)
     rules = [
-        _legendre(5 + math.ceil(float(cutter.helix_lag(high - low)) * (harmonics + 1) / 2))
+        _legendre(5 + math.ceil(abs(float(cutter.helix_lag(high - low))) * (harmonics + 1) / 2))
         for low, high in itertools.pairwise(ends)
     ]
     panels = list(zip(itertools.pairwise(ends), rules, strict=True))

@@ -220,3 +220,15 @@ def test_the_force_of_the_harmonics_is_real_and_has_their_mean():
     harmonics = force_harmonics(ALUMINIUM, Cutter(0.016, 2, 0.5, runout=5e-6), conditions(), 40)
     force = force_at(harmonics, 2 * np.pi * np.arange(200) / 200)
     assert force.mean(axis=1) == pytest.approx(harmonics[:, 0].real, abs=1e-9)
+
+
+def test_a_left_hand_helix_with_runout_mirrors_the_axial_order_of_a_right_hand_one():
+    """Seen from the other end of the edge, a left-hand cutter is a right-hand one: the same force, earlier by the whole lag."""
+    conditions = CuttingConditions(600.0, 0.1e-3, 3e-3, 4e-3, "down")
+    law = LinearEdge(np.array([800e6, 250e6, 120e6]), np.array([20e3, 15e3, 5e3]))
+    right = Cutter(12e-3, 2, np.radians(30), runout=8e-6, runout_angle=0.4)
+    lag = float(right.helix_lag(np.array(3e-3)))
+    left = Cutter(12e-3, 2, -np.radians(30), runout=8e-6, runout_angle=0.4 + lag)
+    angle = np.linspace(0, 2 * np.pi, 50)
+    ours, mirrored = (force_harmonics(law, cutter, conditions, 20) for cutter in (right, left))
+    assert force_at(ours, angle) == pytest.approx(force_at(mirrored, angle - lag), rel=1e-6, abs=1e-3)

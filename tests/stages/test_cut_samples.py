@@ -114,6 +114,29 @@ def test_noise_as_strong_as_a_quarter_of_the_cut_is_told_from_it():
     assert np.abs(angle_error(found)).max() < 0.3
 
 
+def few_teeth_or_many(cutter, conditions, noise=8.0, air=0.3, **timeline):
+    recording, _ = simulate_cut(
+        LAW, cutter, conditions, rng=np.random.default_rng(0), sample_rate=5000.0, timeline=Timeline(0.6, air, air, **timeline),
+        dynamometer=MeasuringChain(noise=noise, lowpass=600.0), name="cut.h5",
+    )  # fmt: skip
+    found = sample_cut(recording)
+    return found.start, found.start + found.force.shape[1] / 5000
+
+
+@pytest.mark.parametrize("ramp", [0.02, 0.05, 0.15])
+def test_a_ramp_is_left_out_where_the_mean_force_outweighs_the_teeth(ramp):
+    slot = replace(DOWN, radial_depth=12e-3, direction="slot")
+    begin, end = few_teeth_or_many(replace(CUTTER, teeth=4, runout=0.0), slot, ramp=ramp)
+    assert 0.3 + ramp <= begin < 0.3 + ramp + 0.12
+    assert 0.9 + ramp - 0.12 < end <= 0.9 + ramp + 5e-3
+
+
+def test_a_finishing_cut_not_much_above_its_noise_is_told_from_the_air():
+    begin, end = few_teeth_or_many(CUTTER, replace(DOWN, radial_depth=0.3e-3), 9.0, 0.5, ramp=0.05)
+    assert 0.52 < begin < 0.65
+    assert 1.06 < end < 1.18
+
+
 @pytest.mark.parametrize(("source", "phase"), [("speed", 0.7), ("pulse", MARK), ("encoder", MARK)])
 def test_a_stated_phase_makes_the_angle_that_of_tooth_0(source, phase):
     found = sample_cut(only(a_cut(), *SOURCES[source]), spindle_phase=phase)

@@ -12,6 +12,7 @@ from millcal.stages.conditioning.steady import AIR_REVOLUTIONS, Survey, longest,
 
 CONTACT = 0.3  # of the usual strength, above the noise of the air cut
 FULL = 0.97  # of the strength of the revolutions that follow: the ramp is over
+NEAR = 20  # revolutions of air beside the cut
 NEIGHBOURS = 20  # revolutions at most with which an end is compared
 
 
@@ -28,7 +29,7 @@ def contact_revolutions(survey: Survey, where: str, note: Note, *, whole: bool) 
             f"{where}: holds {len(strength)} whole revolutions at the stated speed, {int(usable.sum())} of them all numbers; "
             "a cut needs at least 2, check the spindle speed and the sample rate"
         )
-    strong = strength[usable & (strength > 0.25 * np.quantile(strength[usable], 0.95))]
+    strong = strength[usable & (strength > (0.25 if whole else 0.5) * np.quantile(strength[usable], 0.95))]
     if not len(strong):
         raise RecordingError(f"{where}: the forces never change; check the channels named in the map")
     level = float(np.median(strong))
@@ -41,13 +42,21 @@ def contact_revolutions(survey: Survey, where: str, note: Note, *, whole: bool) 
     first, last = longest(runs)
     if any(low != first and high - low > 0.5 * (last - first) for low, high in runs):
         note("several-cuts", "several stretches look like a cut; the longest is used, give steady_s for another")
-    inside = np.array(strength[first:last])
-    inside[~np.isfinite(inside)] = np.nanmedian(inside)  # refused by its time, once the cut is known
-    foot = _ramp(inside) if first > 0 else 0
-    heel = _ramp(inside[::-1]) if last < len(strength) else 0
+    foot = _ramp(_whole_strength(survey, first, last, slice(max(first - NEAR, 0), first))) if first > 0 else 0
+    heel = _ramp(_whole_strength(survey, first, last, slice(last, last + NEAR))[::-1]) if last < len(strength) else 0
     if last - first > foot + heel + 1:
         first, last = first + foot, last - heel
     return first, last, limit
+
+
+def _whole_strength(survey: Survey, first: int, last: int, air: slice) -> np.ndarray:
+    """Strength with what the mean force has more than in the air nearby: it grows with the ramp even where several teeth at
+    once leave so steady a force that the ramp itself swings more.   returns (last - first,) N
+    """
+    away = survey.mean[:, first:last] - np.nanmedian(survey.mean[:, air], axis=1, keepdims=True)
+    whole = np.sqrt(survey.strength[first:last] ** 2 + np.sum(away**2, axis=0))
+    whole[~np.isfinite(whole)] = np.nanmedian(whole)  # refused by its time, once the cut is known
+    return whole
 
 
 def _bridged(strength: np.ndarray, limit: float) -> np.ndarray:

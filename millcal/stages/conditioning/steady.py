@@ -23,6 +23,7 @@ class Survey(NamedTuple):
     time: np.ndarray  # (overview,) samples
     low: np.ndarray  # (axis, overview) N
     high: np.ndarray  # (axis, overview) N
+    mean: np.ndarray  # (axis, revolution) N
 
 
 def survey_record(read: Reader, length: int, samples_per_revolution: float) -> Survey:
@@ -64,6 +65,7 @@ def survey_record(read: Reader, length: int, samples_per_revolution: float) -> S
         middle,
         np.concatenate(low, axis=1),
         np.concatenate(high, axis=1),
+        mean + level,
     )
 
 

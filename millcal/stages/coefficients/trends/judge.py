@@ -113,7 +113,7 @@ def check_separable(record: CutRecord, shape_sd: np.ndarray, relative_sd: np.nda
     if not weak:
         return Check("separable", True, f"{first} and {second} are told apart; chips of {chips}")
     remedy = (
-        "cut with a second feed of half or less, more immersion up to a_e/D = 0.5, a smaller axial depth, or longer"
+        "cut with a second feed, twice or half as large, more immersion up to a_e/D = 0.5, a smaller axial depth, or longer"
     )
     return Check(
         "separable",
