@@ -112,9 +112,7 @@ def check_separable(record: CutRecord, shape_sd: np.ndarray, relative_sd: np.nda
     chips = f"{1e6 * record.chips.low:.0f} to {1e6 * record.chips.high:.0f} um"
     if not weak:
         return Check("separable", True, f"{first} and {second} are told apart; chips of {chips}")
-    remedy = (
-        "cut with a second feed, twice or half as large, more immersion up to a_e/D = 0.5, a smaller axial depth, or longer"
-    )
+    remedy = "cut with a second feed, twice or half as large, more immersion up to a_e/D = 0.5, a smaller axial depth, or longer"
     return Check(
         "separable",
         False,

@@ -20,6 +20,7 @@ from millcal.physics.cutter import Cutter
 from millcal.physics.measuring_chain import discrete_butterworth
 from millcal.physics.sampled_force import ChipRange, Passage, chip_quantiles, mean_chip, sampled_force
 
+LAWS = ("kienzle", "linear-edge")
 MOST_SAMPLES = 1_000_000  # of a longer record, stretches of whole revolutions evenly spread
 STRETCH = 20  # revolutions of such a stretch
 FORGET = 1e-3  # a low-pass has forgotten what happened when this share is left
