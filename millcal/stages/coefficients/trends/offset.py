@@ -6,8 +6,9 @@ length of cut averages it out: after half a second of air it may be twice what t
 
 import numpy as np
 
-from millcal.stages.coefficients.trends.problem import CutRecord, Noise, whitened
+from millcal.stages.coefficients.trends.problem import CutRecord, Noise, evenly_spread, whitened
 
+ENOUGH = 60_000  # samples that tell how parameters answer to an offset
 WITH_DRIFT = 4 / 3  # of the variance: a line through air on both sides, on average over a cut between them
 
 
@@ -36,16 +37,19 @@ def offset_spread(
         return np.zeros((cuts, own, own))
     free = np.flatnonzero(prior_sd > 0)
     unit = prior_sd[free]
-    slopes = np.concatenate([record.response(parameters[record.cut])[1], record.phase_slopes(parameters[0])], axis=2)
-    slopes = whitened(record, noise, slopes[:, :, free] * unit)
+    part = evenly_spread(record, ENOUGH)
+    some, seen = record.of(part), used[part]
+    slopes = np.concatenate([some.response(parameters[some.cut])[1], some.phase_slopes(parameters[0])], axis=2)
+    slopes = whitened(some, noise, slopes[:, :, free] * unit)
     per_newton = np.array(
         [(1 - float(np.sum(c.coefficients))) / c.sd for c in noise.channels]
     )  # of a constant, whitened
     normal, along = np.empty((cuts, len(free), len(free))), np.empty((cuts, len(free), axes))
     for number in range(cuts):
-        X = slopes[used & (record.cut == number)]
-        normal[number] = np.tensordot(X, X, ([0, 1], [0, 1]))
-        along[number] = X.sum(axis=0).T * per_newton
+        X = slopes[seen & (some.cut == number)]
+        share = np.sum(used & (record.cut == number)) / max(len(X), 1)
+        normal[number] = np.tensordot(X, X, ([0, 1], [0, 1])) * share
+        along[number] = X.sum(axis=0).T * per_newton * share
 
     def moved(squares: np.ndarray, number: int) -> np.ndarray:
         all_of_them = np.zeros((len(prior_sd), axes))

@@ -248,7 +248,7 @@ def cut_record(
         notices=(),
     )
     if ends[-1] > MOST_SAMPLES:
-        record = record.of(_evenly_spread(record))
+        record = record.of(evenly_spread(record, MOST_SAMPLES))
         seconds = len(record.force) / rate
         message = f"of {ends[-1] / rate:.3g} s, {seconds:.3g} s in stretches of {STRETCH} revolutions are followed"
         notices.append(Notice("thinned", message, "cuts", "note"))
@@ -268,10 +268,10 @@ def _smoothed(force: np.ndarray, smoother: tuple[np.ndarray, np.ndarray] | None)
     return lfilter(*smoother, force, axis=0)
 
 
-def _evenly_spread(record: CutRecord) -> np.ndarray:
-    """Stretches of whole revolutions that add up to what is bearable.   returns (sample,) bool"""
+def evenly_spread(record: CutRecord, most: int) -> np.ndarray:
+    """Stretches of whole revolutions that add up to about so many samples.   returns (sample,) bool"""
     number = np.floor(record.passage.angle / (2 * np.pi * STRETCH)).astype(np.int64)
-    every = int(np.ceil(len(record.force) / MOST_SAMPLES))
+    every = int(np.ceil(len(record.force) / most))
     return number % every == 0
 
 

@@ -17,7 +17,7 @@ from millcal.stages.coefficients.trends.problem import CutRecord, Noise, whitene
 FINEST = 4000  # used samples of a record that is fitted sample by sample in the end
 LONG = 20_000  # used samples from which a block lasts a whole tooth pass
 MOST_BLOCKS = 6000
-DRAWS = 64  # of whole trajectories, for the interval of the slope
+DRAWS = 40  # of whole trajectories, for the interval of the slope
 LARGEST_STEP = (0.5, 0.15)  # of a level, of a shape, in one pass
 
 Progress = Callable[[float, str], None]
