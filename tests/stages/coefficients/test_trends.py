@@ -243,7 +243,7 @@ def test_the_same_seed_gives_the_same_ensemble_and_another_seed_another():
 @pytest.mark.parametrize("seeds", [6, pytest.param(60, marks=pytest.mark.long)])
 def test_intervals_of_the_smoother_hold_as_often_as_they_say(seeds):
     wear = ((0.35, 1.0), (0.95, 1.1))
-    trend = Trend(drift=(wear, wear, wear))
+    trend, slope = Trend(drift=(wear, wear, wear)), np.log(1.1) / 0.6 * 60
     hits = []
     for seed in range(seeds):
         found = followed(cut(seed, seconds=0.6, lowpass=600.0, trend=trend), lowpass=600.0)
@@ -254,9 +254,11 @@ def test_intervals_of_the_smoother_hold_as_often_as_they_say(seeds):
             [
                 np.mean((found.specific_low <= true_force) & (true_force <= found.specific_high)),
                 np.mean((found.low <= true) & (true <= found.high)),
+                np.mean((found.slope_low <= slope) & (slope <= found.slope_high)),
             ]
         )
     covered = np.mean(hits, axis=0)
+    print(f"held by 95 % intervals: force {covered[0]:.1%}, coefficients {covered[1]:.1%}, wear {covered[2]:.1%}")
     few = seeds < 20
     assert np.all(covered > (0.80 if few else 0.90)), covered
     assert np.all(covered <= 1.0)
