@@ -13,7 +13,6 @@ folder takes its place as a whole at the end (`io.replacing`), so that a run tha
 """
 
 import json
-import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -40,7 +39,7 @@ from millcal.io.provenance import provenance
 from millcal.io.recipe_tables import FrfTable
 from millcal.io.recipes import Impact, Recipe
 from millcal.io.recordings import read_recording
-from millcal.io.replacing import replaced_folder, tidy_remains
+from millcal.io.replacing import check_folder, replaced_folder, tidy_remains
 from millcal.io.results import read_result, write_result, write_results, write_text_atomically
 from millcal.io.summaries import summarise, summarise_notices, value_at, without_nan
 from millcal.report.page import render
@@ -93,7 +92,7 @@ def run(recipe: Recipe, out: Path, *, progress: Progress | None = None, seed: in
         raise RecipeError(f"{recipe.path}: no recordings to fit; name them under [[cuts]], [impact] or [sensor]")
     out = Path(out)
     tidy_remains(out.resolve())
-    check_folder(out)
+    check_folder(out, lambda name: name in FILES or name.endswith(".mk"), "result")
     seed = recipe.seed if seed is None else seed
     with _at_its_line(recipe):
         results, recordings, notices = _stages(recipe, seed, progress or (lambda share, label: None))
@@ -355,21 +354,6 @@ def _write(folder: Path, results: Mapping[str, Any], summary: dict[str, Any], or
     text = json.dumps(summary, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     write_text_atomically(folder / "summary.json", text)
     write_text_atomically(folder / "report.html", render(results, summary, origin))
-
-
-def check_folder(out: Path) -> None:
-    """Refuse to replace what is no result folder of millcal, or holds anything besides."""
-    if not os.path.lexists(out):
-        return
-    if not out.is_dir():
-        raise RecipeError(f"{out}: is a file; name a folder for the result")
-    names = sorted(path.name for path in out.iterdir())
-    foreign = [name for name in names if name not in FILES and not name.endswith(".mk")]
-    if foreign:
-        raise RecipeError(
-            f"{out}: holds {foreign[0]}, which is no part of a result and would be lost; "
-            "move it away or choose another folder"
-        )
 
 
 def _refuse_absent(recipe: Recipe, path: Path) -> None:

@@ -38,13 +38,13 @@ def study(
     import json
 
     from millcal.io.provenance import provenance
-    from millcal.io.replacing import replaced_folder, tidy_remains
+    from millcal.io.replacing import check_folder, replaced_folder, tidy_remains
     from millcal.report.trending_tables import courses_csv, ratios_csv, table_csv, text_of
     from millcal.studies.trending_coefficients import FULL, QUICK, run
     from millcal.studies.trending_summary import summarise
 
     tidy_remains(out.resolve())
-    _check_folder(out)
+    check_folder(out, FILES.__contains__, "study")
     with progress_bar(quiet) as progress:
         found = run(QUICK if quick else FULL, seed=seed, progress=progress)
     summary = {**summarise(found), "quick": quick}
@@ -121,19 +121,3 @@ def _courses(found: Any) -> dict[str, Any]:
                 columns[f"{case} {method} {quantity}"] = runs.mean[number]
                 columns[f"{case} {method} {quantity} sd"] = runs.deviation[number]
     return columns
-
-
-def _check_folder(out: Path) -> None:
-    """Refuse to replace what is no folder of a study, or holds anything besides."""
-    from millcal.errors import RecipeError
-
-    if not out.exists():
-        return
-    if not out.is_dir():
-        raise RecipeError(f"{out}: is a file; name a folder for the study")
-    foreign = sorted(path.name for path in out.iterdir() if path.name not in FILES)
-    if foreign:
-        raise RecipeError(
-            f"{out}: holds {foreign[0]}, which is no part of a study and would be lost; "
-            "move it away or choose another folder"
-        )

@@ -8,7 +8,7 @@ and never replaced.
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -112,3 +112,20 @@ def _flush(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def check_folder(out: Path, is_ours: Callable[[str], bool], what: str) -> None:
+    """Refuse to replace what is no folder of ours, or holds anything besides.
+
+    is_ours : whether a file of this name is part of what is replaced   what : its name in the message
+    """
+    if not os.path.lexists(out):
+        return
+    if not out.is_dir():
+        raise RecipeError(f"{out}: is a file; name a folder for the {what}")
+    foreign = sorted(path.name for path in out.iterdir() if not is_ours(path.name))
+    if foreign:
+        raise RecipeError(
+            f"{out}: holds {foreign[0]}, which is no part of a {what} and would be lost; "
+            "move it away or choose another folder"
+        )

@@ -76,7 +76,6 @@ def _taken(fit: TrendFit, jumps: tuple[int, ...] | list[int]) -> np.ndarray:
     taken[0] = True
     for at in jumps:
         taken |= np.abs(first - first[at]) < APART
-        taken[at] = True
     return taken
 
 

@@ -203,7 +203,6 @@ def follow_coefficients(
         course,
         method=method,
         noise=noise,
-        phase=phase,
         runout=followed,
         held=fitted and not followed,
         chi2=chi2,

@@ -7,7 +7,7 @@ import numpy as np
 
 from millcal.data import Check, CoefficientHistory, Jump, Notice, Posterior
 from millcal.physics.sampled_force import coefficients_of
-from millcal.stages.coefficients.trends.problem import DIRECTIONS, CutRecord, Noise, short_name
+from millcal.stages.coefficients.trends.problem import DIRECTIONS, NAMES, CutRecord, Noise, short_name
 
 NORMAL = 1.959964  # half width of a 95 % interval in standard deviations
 MOST_STEPS = 1000
@@ -16,7 +16,6 @@ WINDOWS = 3
 WINDOW_TURNS = 2.0  # revolutions of force that are drawn in each
 MOST_DRAWN = 800  # samples of a window
 UNITS = {"kienzle": ("N/m^2", "1"), "linear-edge": ("N/m^2", "N/m")}
-NAMES = {"kienzle": ("k{0}", "m{0}"), "linear-edge": ("K{0}c", "K{0}e")}
 
 
 class Course(NamedTuple):
@@ -58,7 +57,6 @@ def history(
     *,
     method: str,
     noise: Noise,
-    phase: np.ndarray,
     runout: bool,
     held: bool,
     chi2: float,

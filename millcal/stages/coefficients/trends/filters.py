@@ -13,8 +13,8 @@ import numpy as np
 
 from millcal.errors import RecipeError
 from millcal.physics.followed import Followed
-from millcal.physics.sampled_force import Passage, parameters_of
-from millcal.stages.coefficients.trends.problem import CutRecord, Noise
+from millcal.physics.sampled_force import parameters_of
+from millcal.stages.coefficients.trends.problem import DIRECTIONS, NAMES, CutRecord, Noise
 
 PAPER_PASS = 56  # used samples per tooth pass in the papers' cut
 LEVEL_REACH = np.log(3.0)  # an ensemble begins within a third and three times the level of the first revolutions
@@ -53,16 +53,13 @@ def limits_of(
     return Limits(box, runout)
 
 
-NAMES = {"kienzle": ("k{0}", "m{0}"), "linear-edge": ("K{0}c", "K{0}e")}
-
-
 def bounds_by_direction(
     record: CutRecord, bounds: Mapping[str, tuple[float, float]] | None
 ) -> dict[int, tuple[tuple[float, float], tuple[float, float]]]:
     """Both bounds of each direction that has them.   raises RecipeError where one has half, or a name is unknown"""
     given = dict(bounds or {})
     found = {}
-    for d, letter in enumerate("tra"[: record.directions]):
+    for d, letter in enumerate(DIRECTIONS[: record.directions]):
         names = [name.format(letter) for name in NAMES[record.law]]
         have = [name for name in names if name in given]
         if len(have) == 1:
@@ -101,10 +98,6 @@ def corner_parameters(
     return parameters_of(values, record.law, record.reference_chip)[:, :2]
 
 
-def _passage(record: CutRecord, phase: np.ndarray) -> Passage:
-    return record.turned(phase)
-
-
 def recursive_least_squares(
     record: CutRecord, noise: Noise, used: np.ndarray, edges: np.ndarray, begin: "Begin", *, forgetting: float, **_: Any
 ) -> Followed:
@@ -114,16 +107,11 @@ def recursive_least_squares(
     return follow_rls(
         begin.mean,
         np.diag(begin.sd**2),
-        _passage(record, begin.phase),
-        record.force * record.sign,
-        used,
-        edges,
-        record.cutter,
         noise=noise.sd,
         forgetting=forgetting,
         limits=begin.limits.box,
         disc=begin.limits.disc,
-        **_of(record),
+        **_of(record, used, edges, begin.phase),
     )
 
 
@@ -146,16 +134,11 @@ def interacting(
     return follow_imm(
         begin.mean,
         np.diag(begin.sd**2),
-        _passage(record, begin.phase),
-        record.force * record.sign,
-        used,
-        edges,
-        record.cutter,
         noise=noise.sd,
         models=models,
         stay=stay,
         rate=1e-4 * pace,
-        **_of(record),
+        **_of(record, used, edges, begin.phase),
     )
 
 
@@ -180,17 +163,12 @@ def ensemble(
         wider = Inflation(every, max(2, round(share * members)), fraction)
     return follow_ensemble(
         begin.draw(rng, members),
-        _passage(record, begin.phase),
-        record.force * record.sign,
-        used,
-        edges,
-        record.cutter,
         noise=np.diag(noise.sd**2),
         limits=begin.limits.box,
         disc=begin.limits.disc,
         inflation=None if inflation is None else wider,
         rng=rng,
-        **_of(record),
+        **_of(record, used, edges, begin.phase),
     )
 
 
@@ -216,8 +194,14 @@ class Begin:
         return drawn
 
 
-def _of(record: CutRecord) -> dict[str, Any]:
+def _of(record: CutRecord, used: np.ndarray, edges: np.ndarray, phase: np.ndarray) -> dict[str, Any]:
+    """What every filter is told of the cuts."""
     return {
+        "passage": record.turned(phase),
+        "measured": record.force * record.sign,
+        "used": used,
+        "edges": edges,
+        "cutter": record.cutter,
         "law": record.law,
         "reference_chip": record.reference_chip,
         "axes": record.axes,

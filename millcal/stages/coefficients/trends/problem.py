@@ -29,6 +29,7 @@ SAMPLES_PER_CORNER = 2.5  # of a smoothed force that are used per period of the 
 FEWEST_IDLE = 200  # samples between teeth that can tell the noise
 PHASE_STEP = 1e-3  # rad, for the slope of the force in the spindle angle
 DIRECTIONS = ("t", "r", "a")
+NAMES = {"kienzle": ("k{0}", "m{0}"), "linear-edge": ("K{0}c", "K{0}e")}  # of the coefficients of a direction
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,6 @@ FINEST = 4000  # used samples of a record that is fitted sample by sample in the
 LONG = 20_000  # used samples from which a block lasts a whole tooth pass
 MOST_BLOCKS = 6000
 DRAWS = 40  # of whole trajectories, for the interval of the slope
-LARGEST_STEP = (0.5, 0.15)  # of a level, of a shape, in one pass
 
 Progress = Callable[[float, str], None]
 
@@ -74,27 +73,19 @@ def smooth_cut(
     problem = problem_of(record, noise, used, start)
     layout = layout_of(record.directions)
     models = [make(prior[0], np.diag(prior[1] ** 2), layout) for make in MODELS.values()]
-    limits = np.full(len(start), np.inf)
-    limits[list(layout.levels)], limits[list(layout.shapes)] = LARGEST_STEP
     count = len(problem.time)
-    turns = (
-        (record.passage.angle[used][-1] - record.passage.angle[used][0]) / (2 * np.pi)
-        if len(record.cuts) == 1
-        else None
-    )
-    per_pass = samples_per_pass(record, used) if turns is None else count / max(turns * record.cutter.teeth, 1.0)
+    per_pass = samples_per_pass(record, used)
     block = max(1, round(per_pass / 4))
     if count > LONG:
         block = max(round(per_pass), -(-count // MOST_BLOCKS))
     breaks = np.diff(record.cut[used], prepend=record.cut[used][0]) != 0
-    trajectory = smooth(
-        problem, models, block=block, breaks=breaks, finest=FINEST, jumps=jumps, start=start, limits=limits, tell=tell
-    )
+    trajectory = smooth(problem, models, block=block, breaks=breaks, finest=FINEST, jumps=jumps, start=start, tell=tell)
     stiff = trajectory.alternatives["shared"]
     return SmoothedCut(trajectory, used, float(np.mean(_residual(stiff) ** 2)), _residual(trajectory.fit))
 
 
 def samples_per_pass(record: CutRecord, used: np.ndarray) -> float:
+    """Used samples from one tooth to the next, on average.   used : (sample,) bool"""
     turns = sum(
         float(np.ptp(record.passage.angle[used & (record.cut == number)])) / (2 * np.pi)
         for number in range(len(record.cuts))
