@@ -526,6 +526,120 @@ class CoefficientHistory(Record):
         return self.posterior.law
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CutVibration(Record):
+    """A conditioned cut as accelerometers hear it: what follows the spindle, and the noise beside it.
+
+    a(t) = Re sum_k harmonics[:, k] exp(j k theta(t)), theta = 2 pi spindle_frequency t + phase. Theta counts from tooth 0 only
+    where `angle_from` is "stated"; else from the pulse or the encoder's zero, or from the first sample, and whoever uses
+    it finds the constant. Velocities and displacements are in here as accelerations.
+    """
+
+    name: str
+    cutter: Cutter
+    conditions: CuttingConditions
+    sensors: tuple[str, ...]  # dofs, without sign: a sensor that counts backwards is turned
+    harmonics: np.ndarray = array("m/s^2", "sensor", "harmonic")  # complex; 0 is nothing an accelerometer knows
+    covariance: np.ndarray = array(
+        "(m/s^2)^2", "harmonic", "sensor", "other sensor"
+    )  # complex, E[e e^H] of the harmonics, from the lines between
+    lines_between: np.ndarray = array("1", "harmonic")  # behind each covariance
+    angle_from: Literal["speed", "pulse", "encoder", "stated"]
+    ac_rms: np.ndarray = array("m/s^2", "sensor")
+    asynchronous_rms: np.ndarray = array("m/s^2", "sensor")
+    overview_time: np.ndarray = array("s", "overview")  # the whole record, thinned to envelopes for the report
+    overview_low: np.ndarray = array("m/s^2", "sensor", "overview")
+    overview_high: np.ndarray = array("m/s^2", "sensor", "overview")
+    force: np.ndarray | None = array(
+        "N", "axis", "harmonic", optional=True
+    )  # of a dynamometer beside them, to compare; nan for an axis it has not
+    sample_rate: float  # Hz
+    spindle_frequency: float  # Hz, refined
+    spindle_frequency_sd: float  # Hz
+    revolutions: int
+    steady: tuple[float, float]  # s
+    peaks: tuple[AsynchronousPeak, ...] = ()
+    notices: tuple[Notice, ...] = ()
+
+    @property
+    def synchronous_share(self) -> np.ndarray:
+        """Share of the power that follows the spindle.   returns (sensor,)"""
+        return 1.0 - (self.asynchronous_rms / np.maximum(self.ac_rms, 1e-300)) ** 2
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SpeedAdvice(Record):
+    """How well one more acceleration cut would tell the coefficients, against its spindle speed."""
+
+    spindle_speed: np.ndarray = array("rad/s", "speed")
+    names: tuple[str, ...]  # coefficients
+    relative_sd: np.ndarray = array("1", "speed", "coefficient")  # expected, with what is known already
+    condition: np.ndarray = array("1", "speed")  # condition number of the noise-weighted problem
+    best: tuple[float, ...]  # rad/s, best first, apart from each other
+    worst_harmonic: np.ndarray = array("1", "speed")  # tooth-passing harmonic that tells the forces worst there
+    harmonics: int  # of the tooth passing that were reckoned with
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ForceHarmonics(Record):
+    """The cutting force that accelerations and an FRF tell of, harmonic by harmonic, and the coefficients behind it.
+
+    F(t) = Re sum force exp(j order theta), theta the spindle angle of tooth 0. Lines are the harmonics of all cuts, one cut
+    behind the other. The mean force is nothing that an accelerometer knows: where the law tells it, `modelled` has it.
+    """
+
+    method: str  # ls, tls, tikhonov, constrained-ls, rtls, gtls
+    cutter: Cutter
+    conditions: tuple[CuttingConditions, ...]  # of each cut
+    cuts: tuple[str, ...]
+    axes: tuple[str, ...]  # x, y, z: those along which the FRF has an input
+    sensors: tuple[str, ...]
+    verdict: str  # "fits", "does not fit: ..."
+    checks: tuple[Check, ...]
+    cut: np.ndarray = array("1", "line")  # index
+    order: np.ndarray = array("1", "line")  # of the spindle
+    frequency: np.ndarray = array("Hz", "line")
+    force: np.ndarray = array("N", "line", "axis")  # complex
+    force_covariance: np.ndarray = array("N^2", "line", "part", "other part")  # of Re x, Re y, .., Im x, Im y, ..
+    condition: np.ndarray = array("1", "line")  # condition number of each line's FRF matrix, weighted by the noise
+    condition_number: float  # of what the method solved
+    regularization: float | None = None  # Tikhonov's, (m/s^2)/N
+    regularization_from: str = ""  # gcv, l-curve, discrepancy, given
+    band: tuple[float, float]  # Hz: lowest and highest line
+    measured: np.ndarray = array("m/s^2", "line", "sensor")  # complex harmonics of the accelerations
+    modelled: np.ndarray = array("m/s^2", "line", "sensor")  # complex: FRF times force
+    deviation: np.ndarray = array("m/s^2", "line", "sensor")  # expected |measured - modelled|, of cut and FRF
+    sensor_residual: np.ndarray = array("1", "sensor")  # mean square over the expected one: 1 where all is right
+    sensor_share: np.ndarray = array("1", "sensor")  # of what is known of the coefficients; they add up to 1
+    chi2: float  # mean square of all weighted residuals per degree of freedom: 1 where FRF, noise and law are right
+    dof: int
+    angle: np.ndarray = array("rad", "angle")  # of tooth 0, one revolution
+    alternating: np.ndarray = array("N", "cut", "axis", "angle")  # the lines' force
+    alternating_sd: np.ndarray = array("N", "cut", "axis", "angle")
+    law_force: np.ndarray | None = array(
+        "N", "cut", "axis", "angle", optional=True
+    )  # of the coefficients, with its mean and all harmonics; nan for an axis whose coefficients are not all known
+    dynamometer: np.ndarray | None = array(
+        "N", "cut", "axis", "angle", optional=True
+    )  # the same lines of a dynamometer that was there too
+    posterior: Posterior  # of the coefficients that these lines can tell
+    unobservable: tuple[tuple[str, ...], ...] = ()  # coefficients, or combinations of them, that no line shows
+    rank: int  # of the law: how many combinations of coefficients the lines show
+    constraint_rows: int  # real equations between the harmonics that the law demands
+    complex_rows: int  # those among them that are linear in the complex harmonics
+    phase: np.ndarray = array("rad", "cut")  # of tooth 0 at the angle from which the cut was counted
+    phase_sd: np.ndarray = array("rad", "cut")  # 0 where it was not fitted
+    phase_from: Literal["stated", "fitted"]
+    frf_from: Literal["measured", "modes"]
+    compared_methods: tuple[str, ...]  # every method on the same lines
+    compared: np.ndarray = array("SI of each coefficient", "method", "parameter")  # in the order of the posterior
+    compared_sd: np.ndarray = array("SI of each coefficient", "method", "parameter")  # nan where a method has none
+    recommended: str  # among them
+    recommended_why: str
+    advice: SpeedAdvice | None = None
+    notices: tuple[Notice, ...] = ()
+
+
 @dataclass(frozen=True)
 class BestSpeed:
     """A speed worth running: the top of a stable pocket."""
