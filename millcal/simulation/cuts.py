@@ -2,12 +2,13 @@
 
 The force is a Fourier series in the spindle angle whose coefficients `physics.cutting_force` integrates exactly. It is cut
 off below half the sample rate and evaluated at each sample's angle, so it is exact at any speed and free of aliasing.
-Sensors and structure act on each harmonic by their gain at its frequency: the steady state, which holds at constant or
-slowly varying speed. Coefficients that change while cutting are weights on several such series (`physics.changing_coefficients`).
-The tool enters and leaves by a cosine ramp of the force.
+The dynamometer acts on each harmonic by its gain at the harmonic's frequency: the steady state, which holds at constant or
+slowly varying speed. The structure rings longer, so accelerometers hear it as it is set going and left alone. Coefficients
+that change while cutting are weights on several such series (`physics.changing_coefficients`). The tool enters and leaves by
+a cosine ramp of the force.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +25,8 @@ from millcal.simulation.truth import rounded, shop_values, truth_over_time
 
 TIP = ("tipX", "tipY", "tipZ")
 BLOCK = 8192  # samples: three axes of complex numbers stay in the cache
+SETTLED = 1e-12  # share of a mode's ringing that is left
+AFTER = 256  # samples
 INSTANTS = 201  # at which the truth of changing coefficients is told
 
 
@@ -80,6 +83,36 @@ def synthesise(harmonics: np.ndarray, angle: np.ndarray) -> np.ndarray:
     return result
 
 
+def accelerations(
+    force: Callable[[np.ndarray], np.ndarray],
+    modes: Sequence[ShapedMode],
+    sensors: Sequence[str],
+    chain: MeasuringChain,
+    sample_rate: float,
+    n_samples: int,
+) -> np.ndarray:
+    """What the structure answers to a force at the tip, with the ringing of its modes, through the sensors' chain.
+
+    The force is asked for from long before the record, so that a cut in which the record begins has settled by then, and
+    until a little after it; there it fades, since the period of the transform may not begin and end with a jump.
+
+    force : function of time, (t,) s -> (axis, t) N   returns (sensor, n_samples) m/s^2
+    """
+    slowest = min(part.decay_rate for part in (*modes, chain))
+    settle = np.log(1 / SETTLED) / slowest * sample_rate
+    period = 1 << int(np.ceil(np.log2(n_samples + settle + 2 * AFTER)))
+    before = period - n_samples - AFTER
+    frequency = np.fft.rfftfreq(period, 1 / sample_rate)
+    driven = force(np.arange(-before, period - before) / sample_rate)
+    fading = 0.5 + 0.5 * np.cos(np.pi * (np.arange(AFTER) + 0.5) / AFTER)
+    driven[:, -AFTER:] *= fading
+    driven[:, :AFTER] *= fading[::-1]
+    spectrum = np.fft.rfft(driven)
+    answer = np.einsum("fsa,af->sf", accelerance_between(frequency, modes, sensors, TIP), spectrum)
+    answer *= chain.gain(frequency, len(sensors))
+    return np.fft.irfft(answer, period)[:, before : before + n_samples]
+
+
 def simulate_cut(
     law: LinearEdge | Kienzle,
     cutter: Cutter,
@@ -134,51 +167,45 @@ def simulate_cut(
     line_frequency = np.array([line.frequency for line in lines])
     line_force = np.array([line.amplitude for line in lines]).reshape(-1, 3).T * np.exp(1j * line_phase)  # (axis, line)
 
+    def drive(harmonics: np.ndarray, at_lines: np.ndarray, at: np.ndarray) -> np.ndarray:
+        """A force through the steady state, (row, sample); before the record and after it as at its ends.   at : (sample,) s"""
+        angle, nearest = motion.angle(at), np.clip(at, time[0], time[-1])
+        if weights is None:
+            samples = synthesise(harmonics[0], angle)
+        else:
+            samples = np.zeros((harmonics.shape[1], len(at)))
+            place = np.rint(nearest * sample_rate).astype(int)
+            for part, weight in zip(harmonics, weights, strict=True):
+                samples += weight[place] * synthesise(part, angle)
+        for frequency, amplitude in zip(line_frequency, at_lines.T, strict=True):
+            samples += np.real(amplitude[:, np.newaxis] * np.exp(2j * np.pi * frequency * at))
+        return samples * timeline.engagement(nearest)
+
     channels: list[Channel] = []
-    harmonics, line_parts, chains = [], [], []
+    parts = []
     if dynamometer is not None:
         channels += [
             Channel("f" + axis, "force", "N", dof, dynamometer.full_scale) for axis, dof in zip(AXES, TIP, strict=True)
         ]
         transfer = dynamometer.transfer(order_frequency, 3)
-        harmonics.append(np.array([np.einsum("imk,mk->ik", transfer, part) for part in force]))
-        line_parts.append(np.einsum("imk,mk->ik", dynamometer.transfer(line_frequency, 3), line_force))
-        chains.append((dynamometer, 3))
+        through = np.array([np.einsum("imk,mk->ik", transfer, part) for part in force])
+        at_lines = np.einsum("imk,mk->ik", dynamometer.transfer(line_frequency, 3), line_force)
+        parts.append(measured(drive(through, at_lines, time), dynamometer, sample_rate, rng, time=time))
     if accelerometers:
-        n = len(accelerometers)
         channels += [
             Channel("acc_" + dof, "acceleration", "m/s^2", dof, accelerometer.full_scale) for dof in accelerometers
         ]
-        at_orders, at_lines = (
-            np.moveaxis(accelerance_between(at, modes, accelerometers, TIP), 0, 2)  # (sensor, axis, f)
-            for at in (order_frequency, line_frequency)
+        heard = accelerations(
+            lambda at: drive(force, line_force, at), modes, accelerometers, accelerometer, sample_rate, len(time)
         )
-        gain = accelerometer.gain(order_frequency, n)
-        harmonics.append(np.array([np.einsum("saf,af->sf", at_orders, part) * gain for part in force]))
-        line_parts.append(np.einsum("saf,af->sf", at_lines, line_force) * accelerometer.gain(line_frequency, n))
-        chains.append((accelerometer, n))
-
-    angle = motion.angle(time)
-    parts = np.concatenate(harmonics, axis=1)  # (series, channel, k)
-    if weights is None:
-        samples = synthesise(parts[0], angle)
-    else:
-        samples = np.zeros((parts.shape[1], len(time)))
-        for part, weight in zip(parts, weights, strict=True):
-            samples += weight * synthesise(part, angle)
-    for frequency, amplitude in zip(line_frequency, np.concatenate(line_parts).T, strict=True):
-        samples += np.real(amplitude[:, np.newaxis] * np.exp(2j * np.pi * frequency * time))
-    samples *= timeline.engagement(time)
-    first = 0
-    for chain, n in chains:
-        samples[first : first + n] = measured(samples[first : first + n], chain, sample_rate, rng, time=time)
-        first += n
+        parts.append(measured(heard, accelerometer, sample_rate, rng, time=time))
+    samples = np.vstack(parts)
     if pulse:
         channels.append(Channel("pulse", "pulse", "1", "spindle", 1.0))
         samples = np.vstack([samples, motion.pulse(time, pulse_angle, np.pi / 18)])
     if encoder:
         channels.append(Channel("encoder", "angle", "rad", "spindle"))
-        count = np.floor((angle - pulse_angle) / (2 * np.pi) % 1.0 * encoder) % encoder
+        count = np.floor((motion.angle(time) - pulse_angle) / (2 * np.pi) % 1.0 * encoder) % encoder
         samples = np.vstack([samples, count * (2 * np.pi / encoder)])
 
     recording = Recording(

@@ -176,6 +176,62 @@ def test_accelerations_are_accelerance_times_force_harmonic_by_harmonic():
         assert found == pytest.approx(expected, rel=1e-6, abs=1e-9)
 
 
+def test_accelerations_follow_the_slow_integration_of_each_mode_through_entry_and_exit():
+    """Each mode's x'' + 2 zeta w x' + w^2 x = phi F w^2 / k, stepped by the exact solution for a force linear in between."""
+    from scipy.linalg import expm
+
+    rate, fine = 10_000, 16
+    timeline = Timeline(0.05, 0.02, 0.03, 0.01)
+    options = {
+        "timeline": timeline,
+        "initial_angle": 0.4,
+        "conditions": CuttingConditions(600.0, 5e-5, 3e-3, 4e-3, "up"),
+    }
+    recording, _ = cut(modes=MODES, accelerometers=("noseX", "tipY"), rate=rate, **options)
+    time = np.arange(recording.samples.shape[1] * fine) / (rate * fine)
+    harmonics = force_harmonics(LAW, CUTTER, options["conditions"], 52)  # of 95.5 Hz below 5 kHz
+    force = force_at(harmonics, 0.4 + 600.0 * time) * timeline.engagement(time)
+    expected = np.zeros((2, len(time)))
+    for mode in MODES:
+        w, drive = 2 * np.pi * mode.natural_frequency, mode.at(("tipX", "tipY", "tipZ")) @ force
+        A = np.array(
+            [[0, 1, 0, 0], [-(w**2), -2 * mode.damping_ratio * w, w**2 / mode.stiffness, 0], [0, 0, 0, 1], [0] * 4]
+        )
+        step = expm(A / (rate * fine))  # of x, v, force and its slope
+        x = np.zeros(2)
+        motion = np.empty(len(time))
+        for i, (now, then) in enumerate(zip(drive, np.append(drive[1:], 0.0), strict=True)):
+            motion[i] = A[1, 0] * x[0] + A[1, 1] * x[1] + A[1, 2] * now
+            x = step[:2] @ np.array([*x, now, (then - now) * rate * fine])
+        expected += np.outer(mode.at(("noseX", "tipY")), motion)
+    found = recording.samples[3:]
+    assert np.abs(found - expected[:, ::fine]).max() < 2e-3 * np.abs(expected).max()
+    rings = time[::fine] > 0.091  # the tool is out again
+    assert np.abs(found[:, rings]).max() > 0.01 * np.abs(expected).max()
+
+
+def test_a_record_that_begins_in_the_cut_has_no_entry_in_it():
+    whole, _ = cut(modes=MODES, accelerometers=("noseX", "tipY"), initial_angle=0.2)
+    later, _ = cut(modes=MODES, accelerometers=("noseX", "tipY"), initial_angle=0.2, steady=0.1)
+    assert later.samples[3:] == pytest.approx(whole.samples[3:, :1000], abs=1e-7 * np.abs(whole.samples[3:]).max())
+
+
+@pytest.mark.parametrize("pulse_angle", [0.0, 1.1])
+def test_harmonics_counted_from_the_pulse_are_turned_by_its_angle(pulse_angle):
+    """a = Re sum G_k F_k e^{jk theta}, theta = pulse_angle where the pulse rises, with the runout that is not told."""
+    options = {"modes": MODES, "accelerometers": ("noseX",), "rate": 25_600, "steady": 0.5, "pulse": True}
+    recording, _ = cut(dynamometer=None, initial_angle=None, pulse_angle=pulse_angle, **options)
+    acceleration, pulse = recording.samples
+    rise = np.flatnonzero(np.diff(pulse) > 0)[0] + 1
+    after = acceleration[rise : rise + 256 * 40]  # whole revolutions
+    for k in (1, 2, 3, 6):
+        force = force_harmonics(LAW, CUTTER, SLOT, k)[:, k]
+        gain = accelerance_between(np.array([100.0 * k]), MODES, ("noseX",), ("tipX", "tipY", "tipZ"))[0, 0]
+        expected = gain @ force * np.exp(1j * k * pulse_angle)
+        late = k * 2 * np.pi * 100 / 25_600  # the pulse is up to one sample late
+        assert abs(amplitude(after, 100.0 * k, 25_600) - expected) < 1.01 * late * abs(expected) + 1e-9
+
+
 def test_a_mode_that_moves_the_tip_along_one_axis_is_that_of_the_structure():
     shaped = [ShapedMode(900.0, 0.03, 2e7, (("tipX", 1.0),)), ShapedMode(1200.0, 0.02, 3e7, (("tipY", 1.0),))]
     plain = [Mode(900.0, 0.03, 2e7, "x"), Mode(1200.0, 0.02, 3e7, "y")]
