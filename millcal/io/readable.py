@@ -1,13 +1,29 @@
 """What a result says to a reader: a short table of each record, with the numbers of its JSON."""
 
-from collections.abc import Callable, Iterable, Sequence
-from math import floor, isfinite, log10
+from collections.abc import Callable, Sequence
+from math import floor, log10
 from typing import Any
 
 import numpy as np
 
-from millcal.data import AXES, CoefficientHistory, Coefficients, CutForce, Frf, Modes, Record, Recording, StabilityMap
+from millcal.data import (
+    AXES,
+    CoefficientHistory,
+    Coefficients,
+    CutForce,
+    ForceHarmonics,
+    Frf,
+    Modes,
+    Record,
+    Recording,
+    SpeedAdvice,
+    StabilityMap,
+)
+from millcal.io.force_readable import advice_text, forces_brief, forces_text
 from millcal.io.summaries import summarise
+from millcal.io.text_table import cell as _cell
+from millcal.io.text_table import interval as _interval
+from millcal.io.text_table import table
 
 
 def text_of(record: Record) -> str:
@@ -18,38 +34,6 @@ def text_of(record: Record) -> str:
 def brief_of(record: Record) -> str:
     """The same without what goes hit by hit or speed by speed."""
     return _BRIEFS[type(record)](record)
-
-
-def table(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """Rows under a header, columns two blanks apart; numbers to the right, texts to the left."""
-    shown = [[_cell(item) for item in row] for row in rows]
-    numeric = [all(_is_number(row[i]) for row in shown) for i in range(len(header))]
-    widths = [max([len(name), *(len(row[i]) for row in shown)]) for i, name in enumerate(header)]
-    lines = [
-        "  ".join(
-            cell.rjust(width) if right else cell.ljust(width)
-            for cell, width, right in zip(line, widths, numeric, strict=True)
-        )
-        for line in [list(header), *shown]
-    ]
-    return "\n".join(line.rstrip() for line in lines)
-
-
-def _cell(item: Any) -> str:
-    """Four digits are enough to read, and all four are shown; a dash is what is not known."""
-    if item is None or (isinstance(item, float) and not isfinite(item)):
-        return "-"
-    if isinstance(item, float):
-        return f"{item:.0f}" if abs(item) >= 999.95 or item == 0 else f"{item:#.4g}"
-    return str(item)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return text == "-"
-    return True
 
 
 def _recording_text(recording: Recording) -> str:
@@ -309,14 +293,6 @@ def _round_speeds(rpm: np.ndarray) -> list[int]:
     return list(dict.fromkeys(int(np.argmin(np.abs(rpm - speed))) for speed in wanted))
 
 
-def _interval(bounds: Sequence[float | None] | None) -> str:
-    return (
-        "-"
-        if bounds is None or all(bound is None for bound in bounds)
-        else " to ".join(_cell(bound) for bound in bounds)
-    )
-
-
 _TEXTS: dict[type, Callable[[Any], str]] = {
     Recording: _recording_text,
     CutForce: _cut_force_text,
@@ -324,7 +300,14 @@ _TEXTS: dict[type, Callable[[Any], str]] = {
     Modes: _modes_text,
     Coefficients: _coefficients_text,
     CoefficientHistory: _history_text,
+    ForceHarmonics: forces_text,
+    SpeedAdvice: advice_text,
     StabilityMap: _stability_text,
 }
 
-_BRIEFS: dict[type, Callable[[Any], str]] = {**_TEXTS, Frf: _frf_brief, StabilityMap: _stability_brief}
+_BRIEFS: dict[type, Callable[[Any], str]] = {
+    **_TEXTS,
+    Frf: _frf_brief,
+    ForceHarmonics: forces_brief,
+    StabilityMap: _stability_brief,
+}

@@ -57,18 +57,13 @@ def read_result(path: Path, record_type: type[R] | tuple[type[R], ...]) -> R:
     record_type : of several types that will do, the one that the file says it holds
     """
     with _opened(path) as file:
-        types = record_type if isinstance(record_type, tuple) else (record_type,)
-        held = _text(file.attrs.get("record", ""))
-        kind = next((one for one in types if one.__name__ == held), types[0])
-        _check_kind(path, file, "record", kind, types)
-        return _read_record(file, kind)
+        return _read_record(file, _kind_held(path, file, "record", record_type))
 
 
-def read_results(path: Path, record_type: type[R]) -> tuple[R, ...]:
-    """Read back the records of a file that `write_results` made."""
+def read_results(path: Path, record_type: type[R] | tuple[type[R], ...]) -> tuple[R, ...]:
+    """Read back the records of a file that `write_results` made.   record_type : as of `read_result`"""
     with _opened(path) as file:
-        _check_kind(path, file, "records", record_type)
-        return _read_many(file, record_type)
+        return _read_many(file, _kind_held(path, file, "records", record_type))
 
 
 def read_provenance(path: Path) -> dict:
@@ -103,6 +98,15 @@ def _opened(path: Path) -> Iterator[h5py.File]:
             raise RecordingError(f"{path}: damaged result ({reason}); make the result again") from None
 
 
+def _kind_held(path: Path, file: h5py.File, attribute: str, record_type: type[R] | tuple[type[R], ...]) -> type[R]:
+    """Which of the types that will do a file holds."""
+    types = record_type if isinstance(record_type, tuple) else (record_type,)
+    held = _text(file.attrs.get(attribute, ""))
+    kind = next((one for one in types if one.__name__ == held), types[0])
+    _check_kind(path, file, attribute, kind, types)
+    return kind
+
+
 def _check_kind(
     path: Path, file: h5py.File, attribute: str, record_type: type[Record], any_of: Sequence[type[Record]] = ()
 ) -> None:
@@ -126,6 +130,10 @@ _MAKERS = {
     "CoefficientHistory": "make one with 'millcal identify --method smooth'",
     "StabilityMap": "make one with 'millcal stability'",
     "CutForce": "make them with 'millcal fit'",
+    "CutVibration": "make them with 'millcal fit'",
+    "ForceHarmonics": "make them with 'millcal forces'",
+    "SpeedAdvice": "make one with 'millcal forces --advise'",
+    "Modes": "make them with 'millcal modes'",
 }
 
 

@@ -15,13 +15,17 @@ from millcal.data import (
     Coefficients,
     CutForce,
     CutSamples,
+    CutVibration,
+    ForceHarmonics,
     Frf,
     Modes,
     Notice,
     Record,
     Recording,
+    SpeedAdvice,
     StabilityMap,
 )
+from millcal.io.force_summary import summarise_advice, summarise_forces, summarise_vibration
 from millcal.io.history_summary import summarise_history
 from millcal.io.keys import keys_of
 from millcal.io.modal_summary import summarise_modes
@@ -30,7 +34,7 @@ from millcal.units import SUFFIXES
 
 
 def summarise(record: Record) -> dict[str, Any]:
-    """The JSON `result` of a record: recording, cut, FRF, modes, coefficients, their history or stability map."""
+    """The JSON `result` of a record: recording, cut, FRF, modes, coefficients, forces, a stability map and so on."""
     return _SUMMARIES[type(record)](record)
 
 
@@ -269,9 +273,12 @@ _SUMMARIES: dict[type, Callable[[Any], dict[str, Any]]] = {
     Recording: _recording,
     CutForce: _cut_force,
     CutSamples: _cut_samples,
+    CutVibration: summarise_vibration,
     Frf: _frf,
     Modes: summarise_modes,
     Coefficients: _coefficients,
     CoefficientHistory: summarise_history,
+    ForceHarmonics: summarise_forces,
+    SpeedAdvice: summarise_advice,
     StabilityMap: _stability,
 }
