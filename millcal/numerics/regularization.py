@@ -88,14 +88,15 @@ def gcv(system: Decomposition, *, span: tuple[float, float] = WIDE) -> Choice:
 
 
 def l_curve(system: Decomposition, *, span: tuple[float, float] = WIDE) -> Choice:
-    """The sharpest corner of log |x| against log |A x - b|: the largest curvature  [Hansen1998, eq. 4.37]_."""
+    """The sharpest corner of log |x| against log |A x - b|: the largest curvature  [Hansen1998, eq. 4.37]_.
+
+    A curve without a corner, which bends the other way all along, leaves the lowest weight.
+    """
     weights = search_range(system, span)
-    return _choice(
-        system,
-        weights,
-        l_curvature(system, weights),
-        *_least(lambda weight: -l_curvature(system, weight), weights),
-    )
+    curvature = l_curvature(system, weights)
+    if not np.any(curvature > 0):  # no corner anywhere: the curve bends as if noise were still to come
+        return _choice(system, weights, curvature, float(weights[0]), "low")
+    return _choice(system, weights, curvature, *_least(lambda weight: -l_curvature(system, weight), weights))
 
 
 def l_curvature(system: Decomposition, weight: np.ndarray) -> np.ndarray:
@@ -107,7 +108,8 @@ def l_curvature(system: Decomposition, weight: np.ndarray) -> np.ndarray:
     slope = -4 * w * np.sum((system.s * np.abs(system.beta)) ** 2 / below**3, axis=1)  # of eta
     slope = np.minimum(slope, -1e-300)
     turn = w**2 * slope * rho + 2 * w * eta * rho + w**4 * eta * slope
-    return np.asarray(2 * eta * rho / slope * turn / (w**4 * eta**2 + rho**2) ** 1.5)
+    speed = -slope / (eta * rho) * np.sqrt(w**4 * eta**2 + rho**2)  # along the curve, positive though the slope is not
+    return np.asarray(2 * (slope / (eta * rho)) ** 2 * turn / speed**3)
 
 
 def discrepancy(system: Decomposition, *, noise_norm: float, span: tuple[float, float] = WIDE) -> Choice:
