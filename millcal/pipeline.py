@@ -3,6 +3,8 @@
     cuts -> conditioning ----------------> coefficients -> stability -> report
     hits on the dynamometer -> sensor ----------^             |
     impact tests -> frf -> modes (or modes by hand) ----------^
+                     v
+    cuts heard by accelerometers -> forces -> coefficients, where no dynamometer was there
 
 Methods that follow coefficients through a cut take its samples in place of what conditioning makes of them, and leave a
 history: the map stands on where it ends.
@@ -27,6 +29,8 @@ from millcal.data import (
     Coefficients,
     CutForce,
     CutSamples,
+    CutVibration,
+    ForceHarmonics,
     Frf,
     Modes,
     Notice,
@@ -34,9 +38,11 @@ from millcal.data import (
     Recording,
 )
 from millcal.errors import IllPosedError, MillcalError, RecipeError, RecordingError
+from millcal.io.frf_files import read_frf
 from millcal.io.history_table import write_history_table
+from millcal.io.keys import in_si
 from millcal.io.provenance import provenance
-from millcal.io.recipe_tables import FrfTable
+from millcal.io.recipe_tables import ForcesTable, FrfTable
 from millcal.io.recipes import Impact, Recipe
 from millcal.io.recordings import read_recording
 from millcal.io.replacing import check_folder, replaced_folder, tidy_remains
@@ -53,7 +59,7 @@ from millcal.stages.stability_dynamics import advise
 
 Progress = Callable[[float, str], None]  # share done in 0..1, what is being done
 
-RECORD_FILES = {name: f"{name}.h5" for name in ("frf", "sensor", "modes", "coefficients", "stability")}
+RECORD_FILES = {name: f"{name}.h5" for name in ("frf", "sensor", "modes", "forces", "coefficients", "stability")}
 HISTORY_TABLE = "history.csv"
 FILES = ("cuts.h5", *RECORD_FILES.values(), HISTORY_TABLE, "summary.json", "report.html")
 
@@ -65,7 +71,7 @@ class PipelineResult:
     summary: dict[str, Any]  # what summary.json holds
     results: dict[str, Any] = field(
         default_factory=dict
-    )  # cuts or samples (tuples), frf, sensor, modes, coefficients, ...
+    )  # cuts, samples or vibrations (tuples), frf, sensor, modes, forces, coefficients, ...
     notices: tuple[Notice, ...] = ()
     provenance: dict[str, Any] = field(default_factory=dict)
     skipped: bool = False  # the recipe's recordings are absent
@@ -108,16 +114,21 @@ def _stages(recipe: Recipe, seed: int, progress: Progress) -> tuple[dict[str, An
     results: dict[str, Any] = {}
     recordings: list[dict[str, Any]] = []
     notices: list[Notice] = []
-    following = bool(recipe.cuts) and follows(recipe.coefficients.method)
+    following = bool(recipe.cuts) and recipe.forces is None and follows(recipe.coefficients.method)
+    kind = "samples" if following else "cuts" if recipe.forces is None else "vibrations"
     ends = (0.0, 0.1, 0.15, 0.2, 0.2, 0.9, 1.0) if following else (0.0, 0.45, 0.55, 0.7, 0.8, 0.9, 1.0)
     taken = list(pairwise(ends))  # shares of the progress
 
     if recipe.cuts:
         _check_options(recipe)
         cuts = _cuts(recipe, _part(progress, *taken[0]), recordings, notices)
-        results["samples" if following else "cuts"] = cuts
-    if recipe.impact:
-        results["frf"] = _frf(recipe.impact, recipe.frf, _part(progress, *taken[1]), recordings, notices)
+        results[kind] = cuts
+    if recipe.impact or recipe.frf_file:
+        results["frf"] = (
+            _frf(recipe.impact, recipe.frf, _part(progress, *taken[1]), recordings, notices)
+            if recipe.impact
+            else _frf_of_file(recipe.frf_file, notices)
+        )
         _modes(recipe, results, _part(progress, *taken[2]), notices)
     elif recipe.structure:
         results["modes"] = recipe.structure.modes
@@ -126,7 +137,13 @@ def _stages(recipe: Recipe, seed: int, progress: Progress) -> tuple[dict[str, An
         results["sensor"] = _frf(
             tests, tests.frf, _part(progress, *taken[3]), recordings, notices, form="transmissibility"
         )
-    if recipe.cuts:
+    if recipe.forces is not None:
+        from millcal.stages.coefficients.from_forces import coefficients_of_forces
+
+        results["forces"] = _forces(recipe.forces, cuts, results, _part(progress, *taken[4]))
+        results["coefficients"] = coefficients_of_forces(results["forces"])
+        notices += [*results["forces"].notices, *results["coefficients"].notices]
+    elif recipe.cuts:
         progress(taken[4][0], "coefficients")
         results["coefficients"] = identify_coefficients(
             cuts,
@@ -160,8 +177,11 @@ def _stages(recipe: Recipe, seed: int, progress: Progress) -> tuple[dict[str, An
 def _check_options(recipe: Recipe) -> None:
     """Refuse options that do not go with the method before anything is read."""
     given = recipe.coefficients.arguments()
-    own_options(given.pop("method"), sensor=bool(recipe.sensor or recipe.sensor_test), **given)
-    method = recipe.coefficients.method
+    method = (
+        given.pop("method") if recipe.forces is None else "gtls"
+    )  # or another of the stage forces, with as few options
+    given.pop("method", None)
+    own_options(method, sensor=bool(recipe.sensor or recipe.sensor_test), **given)
     if not follows(method):
         return
     if "harmonics" in recipe.conditioning.model_fields_set:
@@ -170,9 +190,8 @@ def _check_options(recipe: Recipe) -> None:
 
 def _cuts(
     recipe: Recipe, progress: Progress, recordings: list, notices: list[Notice]
-) -> tuple[CutForce, ...] | tuple[CutSamples, ...]:
+) -> tuple[CutForce, ...] | tuple[CutSamples, ...] | tuple[CutVibration, ...]:
     """Read the cuts one at a time, and condition them, or take their samples where the method follows those."""
-    following = follows(recipe.coefficients.method)
     found: list[Any] = []
     for number, entry in enumerate(recipe.cuts):
         part = _part(progress, number / len(recipe.cuts), (number + 1) / len(recipe.cuts), entry.recording.name)
@@ -193,14 +212,47 @@ def _cuts(
                 f"{recipe.where(f'cuts.{number}')}: no {missing}, neither here nor in {entry.recording}; "
                 f"add a [{missing}] table"
             )
-        bar = _part(part, 0.5, 1.0)
-        found.append(
-            sample_cut(recording, offset=recipe.conditioning.offset, progress=bar)
-            if following
-            else condition_cut(recording, progress=bar, **recipe.conditioning.arguments())
-        )
+        found.append(_conditioned(recipe, recording, _part(part, 0.5, 1.0)))
         notices += found[-1].notices
     return tuple(found)
+
+
+def _conditioned(recipe: Recipe, recording: Recording, progress: Progress) -> CutForce | CutSamples | CutVibration:
+    """What the recipe's method takes of a cut."""
+    options = recipe.conditioning
+    if recipe.forces is not None:
+        from millcal.stages.conditioning.vibration import condition_vibration
+
+        needed = (recipe.forces.harmonics or 0) * recording.cutter.teeth
+        return condition_vibration(recording, harmonics=max(options.harmonics, needed), progress=progress)
+    if follows(recipe.coefficients.method):
+        return sample_cut(recording, offset=options.offset, progress=progress)
+    return condition_cut(recording, progress=progress, **options.arguments())
+
+
+def _forces(
+    options: ForcesTable, cuts: tuple[CutVibration, ...], results: Mapping[str, Any], progress: Progress
+) -> ForceHarmonics:
+    """Forces from what accelerometers heard of the cuts and in the impact tests; where asked for, speeds for the next cut."""
+    from millcal.stages.forces import reconstruct_forces
+    from millcal.stages.forces.advice import advise_speeds
+
+    progress(0.0, "forces")
+    if options.frf == "modes" and "modes" not in results:
+        raise IllPosedError('forces.frf: no modes could be fitted to the FRF; write "measured"')
+    modes = results["modes"] if options.frf == "modes" else None
+    forces = reconstruct_forces(cuts, results["frf"], modes=modes, progress=progress, **options.arguments())
+    if options.advise_rpm is None:
+        return forces
+    advice = advise_speeds(
+        results["frf"],
+        forces.cutter,
+        forces.conditions[-1],
+        spindle_speed=in_si(options.advise_rpm, "rpm"),
+        harmonics=options.harmonics,
+        given=forces,
+    )
+    return replace(forces, advice=advice)
 
 
 def _frf(
@@ -214,6 +266,13 @@ def _frf(
         tests.append(read_recording(path, setup=impact.setup, progress=part))
         _note(tests[-1], path, recordings, notices)
     frf = estimate_frf(tests, progress=_part(progress, 0.5, 1.0), **{**options.arguments(), **more})
+    notices += frf.notices
+    return frf
+
+
+def _frf_of_file(path: Path, notices: list[Notice]) -> Frf:
+    """An FRF that was made before, and what was found about it then."""
+    frf = read_frf(path)
     notices += frf.notices
     return frf
 
@@ -261,9 +320,21 @@ def _why_no_map(coefficients: Coefficients | CoefficientHistory | None, dynamics
         return (
             "no map, because the dynamics are unknown; add [impact] recordings that show modes, or [[structure.modes]]"
         )
-    if not coefficients.posterior.mean[0] > 0:
-        name = coefficients.posterior.names[0]
-        return f"no map, because {name} is not positive; see the checks of the coefficients, the axis map first"
+    posterior = coefficients.posterior
+    needed = ("kt", "kr") if posterior.law == "kienzle" else ("Ktc", "Krc")
+    missing = [name for name in needed if name not in posterior.names]
+    if missing:
+        why = (
+            "the harmonics of these cuts do not show it"
+            if len(missing) == 1
+            else "the harmonics of these cuts show neither"
+        )
+        return (
+            f"no map, because {' and '.join(missing)} are not known: {why}; cut with fewer teeth or less radial depth, where the "
+            "force within the tooth passing depends on the chip"
+        )
+    if not posterior[needed[0]] > 0:
+        return f"no map, because {needed[0]} is not positive; see the checks of the coefficients, the axis map first"
     return ""
 
 
@@ -318,7 +389,8 @@ def _summary(
         "modal_fit": modes or None,
         "frf": summarise(results["frf"]) if "frf" in results else None,
         "sensor": summarise(results["sensor"]) if "sensor" in results else None,
-        "cuts": [summarise(cut) for key in ("cuts", "samples") for cut in results.get(key, ())],
+        **({"forces": summarise(results["forces"])} if "forces" in results else {}),
+        "cuts": [summarise(cut) for key in ("cuts", "samples", "vibrations") for cut in results.get(key, ())],
         "recordings": recordings,
         **summarise_notices(notices),
         "provenance": origin,
@@ -344,8 +416,9 @@ def _expectation(summary: Mapping[str, Any], key: str, wanted: tuple[float, floa
 
 def _write(folder: Path, results: Mapping[str, Any], summary: dict[str, Any], origin: dict[str, Any]) -> None:
     """All files of a result folder."""
-    if results.get("cuts"):
-        write_results(folder / "cuts.h5", results["cuts"], provenance=origin)
+    for key in ("cuts", "vibrations"):
+        if results.get(key):
+            write_results(folder / "cuts.h5", results[key], provenance=origin)
     for name, file in RECORD_FILES.items():
         if isinstance(results.get(name), Record):
             write_result(folder / file, results[name], provenance=origin)
@@ -366,7 +439,8 @@ def _refuse_absent(recipe: Recipe, path: Path) -> None:
             for number, test in enumerate(tests.recordings if tests else ())
         },
     }
-    where = recipe.where(keys.get(path, "coefficients.sensor"))
+    other = "forces.frf_file" if path == recipe.frf_file else "coefficients.sensor"
+    where = recipe.where(keys.get(path, other))
     raise RecordingError(f"{where}: {path} is absent, other recordings are there; check the path")
 
 
@@ -384,6 +458,7 @@ def _at_its_line(recipe: Recipe) -> Iterator[None]:
             "frf",
             "modes",
             "sensor",
+            "forces",
             "coefficients",
             "stability",
             "structure",

@@ -63,7 +63,7 @@ def _text(title: str, found: Any, report: Path) -> str:
         title,
         *(
             brief_of(found.results[name])
-            for name in ("frf", "modes", "sensor", "coefficients", "stability")
+            for name in ("frf", "modes", "sensor", "forces", "coefficients", "stability")
             if name in found.results
         ),
     ]

@@ -1,4 +1,4 @@
-"""Cutting coefficients from dynamometer cuts: `millcal identify`."""
+"""Cutting coefficients from dynamometer cuts, or from what accelerometers heard: `millcal identify`."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,11 +7,13 @@ from typing import Annotated, Any
 import typer
 
 from millcal.cli.cut_input import bounds_of, for_each, read_cut
-from millcal.cli.speak import Json, Quiet, Seed, check_files, keep_and_reply, pairs, progress_bar
+from millcal.cli.speak import Json, Progress, Quiet, Seed, check_files, keep_and_reply, pairs, progress_bar
+from millcal.cli.vibration_input import hear_cuts, read_dynamics
 
 # those of the stage, which --help must not import; a test keeps them equal
-METHODS = ("nls", "average", "smooth", "imm", "rls", "enkf", "enkf-inflated")
-FOLLOWING = METHODS[2:]
+METHODS = ("nls", "average", "gtls", "smooth", "imm", "rls", "enkf", "enkf-inflated")
+FOLLOWING = METHODS[3:]
+FROM_ACCELERATIONS = ("gtls",)
 LAWS = ("linear-edge", "kienzle")
 FIGURES = (".png", ".svg", ".pdf")
 
@@ -23,8 +25,8 @@ def identify(
         str | None,
         typer.Option(
             "--method",
-            help="nls (default): force within the revolution; average: mean forces; and those that follow coefficients "
-            "through the cut: smooth, imm, rls, enkf, enkf-inflated.",
+            help="nls (default): force within the revolution; average: mean forces; gtls: accelerations and --frf; and those "
+            "that follow coefficients through the cut: smooth, imm, rls, enkf, enkf-inflated.",
         ),
     ] = None,
     trend: Annotated[
@@ -51,7 +53,11 @@ def identify(
     ] = "report",
     harmonics: Annotated[
         int | None,
-        typer.Option("--harmonics", min=1, help="Highest harmonic used (nls); default: the teeth, or all of --sensor."),
+        typer.Option(
+            "--harmonics",
+            min=1,
+            help="Highest harmonic used (nls; of the tooth passing: gtls); default: the teeth, or all of --sensor.",
+        ),
     ] = None,
     taper: Annotated[bool, typer.Option("--taper", help="Let the runout vary along the axis (nls).")] = False,
     mean_weight: Annotated[
@@ -59,6 +65,12 @@ def identify(
     ] = 5.0,
     sensor: Annotated[
         Path | None, typer.Option("--sensor", help="FRF of the dynamometer, force over force, a result file (nls).")
+    ] = None,
+    frf: Annotated[
+        Path | None, typer.Option("--frf", help="FRF from the forces to the sensors that heard the cuts (gtls).")
+    ] = None,
+    modes: Annotated[
+        Path | None, typer.Option("--modes", help="Modes fitted to that FRF, in place of its lines (gtls).")
     ] = None,
     lowpass_hz: Annotated[
         float | None,
@@ -128,10 +140,12 @@ def identify(
 
     Example: millcal identify slot_f*.h5 --method nls -o coefficients.h5
 
+    Example: millcal identify cut-1.h5 cut-2.h5 --method gtls --frf frf.h5 -o coefficients.h5
+
     Example: millcal identify long-cut.h5 --trend --law kienzle --csv history.csv -o coefficients.h5
     """
     method = _method(method, trend, causal)
-    following = method in FOLLOWING
+    following, hearing = method in FOLLOWING, method in FROM_ACCELERATIONS
     _choice("--law", law, LAWS)
     _choice("--runout", runout, ("fit", "known"))
     if feed_per_tooth_mm and len(feed_per_tooth_mm) != len(recordings):
@@ -150,7 +164,8 @@ def identify(
     tables = for_each(engagement, number, "--engagement")
     starts = for_each(path_start_s, number, "--path-start-s")
     phases = for_each(spindle_phase_deg, number, "--spindle-phase-deg")
-    check_files([*recordings, setup, sensor, *(engagement or ())], [output, table, figure], once=False)
+    read = [*recordings, setup, sensor, frf, modes, *(engagement or ())]
+    check_files(read, [output, table, figure], once=False)
     known = bounds_of(bounds)
 
     import numpy as np
@@ -168,7 +183,7 @@ def identify(
         "law": law,
         "rows": rows,
         "taper": taper,
-        "harmonics": harmonics,
+        "harmonics": None if hearing else harmonics,
         "contact_loss": contact_loss,
         "mean_weight": mean_weight,
         "runout": runout,
@@ -183,50 +198,58 @@ def identify(
         "inflation": inflation,
     }
     own_options(method, sensor=sensor is not None, **options)  # before anything is read
-    for option, given in {
-        "--csv": table,
-        "--figure": figure,
-        "--engagement": engagement,
-        "--path-start-s": path_start_s,
-        "--spindle-phase-deg": spindle_phase_deg,
-    }.items():
-        if given and not following:
-            raise RecipeError(f"{option}: goes with {', '.join(FOLLOWING)}, not {method}; leave it out, or add --trend")
+    for option, given, takers in (
+        ("--csv", table, FOLLOWING),
+        ("--figure", figure, FOLLOWING),
+        ("--engagement", engagement, FOLLOWING),
+        ("--path-start-s", path_start_s, FOLLOWING),
+        ("--spindle-phase-deg", spindle_phase_deg, FOLLOWING + FROM_ACCELERATIONS),
+        ("--frf", frf, FROM_ACCELERATIONS),
+        ("--modes", modes, FROM_ACCELERATIONS),
+        ("--lowpass-hz", lowpass_hz, METHODS[:2] + FOLLOWING),
+    ):
+        if given and method not in takers:
+            trend_too = ", or add --trend" if set(FOLLOWING) <= set(takers) and not hearing else ""
+            raise RecipeError(f"{option}: goes with {', '.join(takers)}, not {method}; leave it out{trend_too}")
+    if hearing and frf is None:
+        raise RecipeError(f"--frf: method {method} needs it, an FRF from the forces to the sensors; give one")
 
     feeds: list[float | None] = [*feed_per_tooth_mm] if feed_per_tooth_mm else [None] * number
-    cuts: list[Any] = []
-    notices: list[Any] = []
-    read_share = 0.1 if following else 0.9
+    stated = {"map": pairs(maps, "--map"), "units": pairs(units, "--unit"), "rate_hz": rate_hz}
     with progress_bar(quiet) as progress:
-        for i, path in enumerate(recordings):
-            progress(read_share * i / number, path.name)
-            recording = read_cut(
-                path,
-                setup,
-                feed=feeds[i],
-                engagement=tables[i],
-                path_start=starts[i],
-                spindle_phase=None if phases[i] is None else from_shop(phases[i], "x_deg"),
-                map=pairs(maps, "--map"),
-                units=pairs(units, "--unit"),
-                rate_hz=rate_hz,
+        if frf is not None:
+            heard = {"feeds": feeds, "phases": phases, "harmonics": harmonics, **stated}
+            found, notices = _from_accelerations(recordings, setup, frf, modes, method, progress, heard)
+        else:
+            cuts, notices = [], []
+            read_share = 0.1 if following else 0.9
+            for i, path in enumerate(recordings):
+                progress(read_share * i / number, path.name)
+                recording = read_cut(
+                    path,
+                    setup,
+                    feed=feeds[i],
+                    engagement=tables[i],
+                    path_start=starts[i],
+                    spindle_phase=None if phases[i] is None else from_shop(phases[i], "x_deg"),
+                    **stated,
+                )
+                notices += recording.notices
+                cuts.append(sample_cut(recording) if following else condition_cut(recording, lowpass=lowpass_hz))
+                notices += cuts[-1].notices
+            found = identify_coefficients(
+                cuts,
+                method=method,
+                **options,
+                sensor=read_result(sensor, Frf) if sensor else None,
+                rng=np.random.default_rng(seed),
+                progress=lambda share, label: progress(read_share + (1 - read_share) * share, label),
             )
-            notices += recording.notices
-            cuts.append(sample_cut(recording) if following else condition_cut(recording, lowpass=lowpass_hz))
-            notices += cuts[-1].notices
-        found = identify_coefficients(
-            cuts,
-            method=method,
-            **options,
-            sensor=read_result(sensor, Frf) if sensor else None,
-            rng=np.random.default_rng(seed),
-            progress=lambda share, label: progress(read_share + (1 - read_share) * share, label),
-        )
     keep_and_reply(
         "identify",
         found,
         output,
-        read=[*recordings, setup, sensor, *(engagement or ())],
+        read=read,
         notices=[*notices, *found.notices],
         seed=seed,
         more=_drawn(found, table, figure),
@@ -249,6 +272,32 @@ def _method(method: str | None, trend: bool, causal: bool) -> str:
             f"--causal goes in the order of time, and --method {method} does not; keep one, or choose imm"
         )
     return method
+
+
+def _from_accelerations(
+    recordings: list[Path],
+    setup: Path | None,
+    frf: Path,
+    modes: Path | None,
+    method: str,
+    progress: Progress,
+    heard: dict[str, Any],
+) -> tuple[Any, list[Any]]:
+    """Coefficients by way of the forces that the accelerations tell, and what is to be told.   heard : as of `hear_cuts`"""
+    from millcal.stages.coefficients.from_forces import coefficients_of_forces
+    from millcal.stages.forces import reconstruct_forces
+
+    dynamics, fitted, notices = read_dynamics(frf, modes)
+    cuts, told = hear_cuts(recordings, setup, progress=lambda share, label: progress(0.6 * share, label), **heard)
+    found = reconstruct_forces(
+        cuts,
+        dynamics,
+        method=method,
+        harmonics=heard["harmonics"],
+        modes=fitted,
+        progress=lambda share, label: progress(0.6 + 0.4 * share, label),
+    )
+    return coefficients_of_forces(found), [*notices, *told, *found.notices]
 
 
 def _choice(option: str, value: str, choices: Sequence[str]) -> None:

@@ -35,7 +35,16 @@ def report(
     """
     import json
 
-    from millcal.data import CoefficientHistory, Coefficients, CutForce, Frf, Modes, StabilityMap
+    from millcal.data import (
+        CoefficientHistory,
+        Coefficients,
+        CutForce,
+        CutVibration,
+        ForceHarmonics,
+        Frf,
+        Modes,
+        StabilityMap,
+    )
     from millcal.errors import RecordingError
     from millcal.io.provenance import sha256_of
     from millcal.io.results import (
@@ -51,6 +60,7 @@ def report(
         "frf": Frf,
         "sensor": Frf,
         "modes": Modes,
+        "forces": ForceHarmonics,
         "coefficients": (Coefficients, CoefficientHistory),
         "stability": StabilityMap,
     }
@@ -58,10 +68,10 @@ def report(
     there = [file for file in files if file.is_file()]
     if not there:
         raise RecordingError(f"{folder}: holds no results; make some with 'millcal fit RECIPE.toml --out {folder}'")
-    results = {
-        file.stem: read_results(file, CutForce) if file.stem == "cuts" else read_result(file, types[file.stem])
-        for file in there
-    }
+    results: dict[str, Any] = {file.stem: read_result(file, types[file.stem]) for file in there if file.stem != "cuts"}
+    if folder / "cuts.h5" in there:
+        cuts = read_results(folder / "cuts.h5", (CutForce, CutVibration))
+        results["vibrations" if isinstance(cuts[0], CutVibration) else "cuts"] = cuts
     told = folder / "summary.json"
     summary = {}
     if told.is_file():

@@ -62,13 +62,14 @@ def keep_and_reply(
     notices: Iterable,
     seed: int = 0,
     more: Mapping[str, tuple[Path, bytes]] | None = None,
+    text: str | None = None,
     as_json: bool,
     quiet: bool,
 ) -> None:
     """Write the record a stage has found to its result file, and print it.
 
     read : the files it was made of   notices : all of the command, those of the record among them
-    more : files to write beside it, what it is -> (where, what it holds)
+    more : files to write beside it, what it is -> (where, what it holds)   text : in place of the record's own
     """
     from millcal.io.provenance import provenance
     from millcal.io.readable import text_of
@@ -84,7 +85,7 @@ def keep_and_reply(
     written = {what: str(path) for what, (path, _) in more.items()}
     reply(
         command,
-        "\n".join([text_of(record), *(f"{what}: {path}" for what, path in written.items())]),
+        "\n".join([text_of(record) if text is None else text, *(f"{what}: {path}" for what, path in written.items())]),
         {**summarise(record), "output": str(output), **written},
         inputs=origin["inputs"],
         notices=notices,

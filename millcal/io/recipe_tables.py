@@ -131,10 +131,11 @@ class CoefficientsTable(Table):
     """Options of the identification."""
 
     not_arguments: ClassVar = frozenset({"sensor"})
-    method: Literal["nls", "average", "smooth", "imm", "rls", "enkf", "enkf-inflated"] = Field(
+    method: Literal["nls", "average", "smooth", "imm", "rls", "enkf", "enkf-inflated", "gtls"] = Field(
         "nls",
-        description="nls: the force within the revolution; average: mean forces; the others follow coefficients that change "
-        "through the samples of each cut: smooth knows the whole record, imm, rls, enkf and enkf-inflated go in the order of time",
+        description="nls: the force within the revolution; average: mean forces; gtls: from accelerations, see [forces]; the "
+        "others follow coefficients that change through the samples of each cut: smooth knows the whole record, imm, rls, enkf "
+        "and enkf-inflated go in the order of time",
     )
     law: Literal["linear-edge", "kienzle"] = Field("linear-edge", description="force law")
     rows: Literal["whole-revolutions", "all"] = Field(
@@ -184,6 +185,42 @@ class CoefficientsTable(Table):
         return {**super().arguments(), "bounds": bounds_in_si(self.bounds)}
 
 
+class ForcesTable(Table):
+    """Options of forces from accelerations; with this table the cuts need no dynamometer, and [impact] hits their sensors."""
+
+    not_arguments: ClassVar = frozenset({"frf", "frf_file", "advise_rpm"})
+    method: Literal["gtls", "rtls", "constrained-ls", "tikhonov", "tls", "ls"] = Field(
+        "gtls",
+        description="gtls: weighted by the noise of cut and FRF, with all that the law demands; the others to compare: "
+        "constrained-ls and rtls with what the law demands, tikhonov, tls and ls without",
+    )
+    harmonics: int | None = Field(None, ge=1, description="harmonics of the tooth passing; chosen when absent")
+    phase: Literal["auto", "fit", "known"] = Field(
+        "auto",
+        description="angle of tooth 0: fit it with the coefficients, take the stated one for known, or auto: one that is "
+        "stated holds to 3 degrees, one that is not is fitted",
+    )
+    regularization: Literal["gcv", "l-curve", "discrepancy"] | Positive = Field(
+        "gcv", description="where the weight comes from, or the weight itself in (m/s^2)/N (tikhonov)"
+    )
+    slack_N: float = Field(0.0, ge=0, description="by how much forces may miss what the law demands, N (rtls)")
+    frf: Literal["measured", "modes"] = Field(
+        "measured", description="the FRF as measured with its noise, or the modes fitted to it"
+    )
+    frf_file: str | None = Field(None, description="file of an FRF, in place of [impact]")
+    advise_rpm: Span | None = Field(
+        None, description="[lowest, highest] spindle speed among which the best for the next cut is sought, rpm"
+    )
+
+    def trouble(self) -> tuple[str, str] | None:
+        """A key that does not go with the method: (key, `what is wrong; what to do`); None where all do."""
+        if self.regularization != "gcv" and self.method != "tikhonov":
+            return "regularization", f"goes with method tikhonov, not {self.method}; leave it out"
+        if self.slack_N > 0 and self.method != "rtls":
+            return "slack_N", f"goes with method rtls, not {self.method}; leave it out"
+        return None
+
+
 class StabilityTable(Table):
     """Options of the stability map; what is absent is that of the cuts, where they agree."""
 
@@ -231,6 +268,9 @@ class RecipeTables(SourceTables):
     modes: ModesTable = Field(default_factory=ModesTable, description="options of the modal fit")
     structure: StructureTable | None = Field(None, description="dynamics given by hand")
     sensor: SensorTable | None = Field(None, description="impact tests on the dynamometer, for the fit")
+    forces: ForcesTable | None = Field(
+        None, description="options of forces from accelerations, in place of forces measured"
+    )
     coefficients: CoefficientsTable = Field(
         default_factory=CoefficientsTable, description="options of the identification"
     )

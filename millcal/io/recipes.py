@@ -24,6 +24,7 @@ from millcal.io.recipe_simulate import SimulateTable
 from millcal.io.recipe_tables import (
     CoefficientsTable,
     ConditioningTable,
+    ForcesTable,
     FrfTable,
     ImpactTable,
     ModesTable,
@@ -115,12 +116,14 @@ class Recipe:
     conditioning: ConditioningTable
     frf: FrfTable
     modes: ModesTable
+    forces: ForcesTable | None  # None: the cuts' forces were measured
     coefficients: CoefficientsTable
     stability: StabilityTable | None  # None: the recipe asks for no map
     simulate: SimulateTable | None
     expect: dict[str, tuple[float, float] | str]
     sensor: Path | None  # FRF of the dynamometer, a result file
     sensor_test: SensorTest | None  # or the impact tests it is estimated from
+    frf_file: Path | None  # FRF of the sensors that heard the cuts, in place of `impact`
     document: Document = field(repr=False)
 
     @property
@@ -138,7 +141,7 @@ class Recipe:
     @property
     def recordings(self) -> tuple[Path, ...]:
         """Every file the recipe reads, each once, in the recipe's order."""
-        impact = self.impact.recordings if self.impact else ()
+        impact = self.impact.recordings if self.impact else (self.frf_file,) if self.frf_file else ()
         sensor = (self.sensor,) if self.sensor else self.sensor_test.recordings if self.sensor_test else ()
         tables = [cut.table for cut in self.cuts if cut.table]
         return tuple(dict.fromkeys([*(cut.recording for cut in self.cuts), *impact, *sensor, *tables]))
@@ -155,7 +158,9 @@ def read_recipe(path: Path) -> Recipe:
     cutter = tables.cutter.cutter() if tables.cutter else None
     if not tables.cuts and not any((tables.impact, tables.sensor, tables.simulate)):
         document.refuse((), "no [[cuts]], no [impact], no [sensor] and no [simulate]; name at least one recording")
-    if "modes" in tables.model_fields_set and tables.impact is None:
+    forces = _forces(document, tables)
+    frf_file = forces.frf_file if forces else None
+    if "modes" in tables.model_fields_set and tables.impact is None and frf_file is None:
         document.refuse(("modes",), "no [impact] to fit modes to; add one, or give them by hand in [structure]")
     if tables.stability is not None:
         _check_stability(document, tables)
@@ -175,6 +180,7 @@ def read_recipe(path: Path) -> Recipe:
         conditioning=tables.conditioning,
         frf=tables.frf,
         modes=tables.modes,
+        forces=forces,
         coefficients=tables.coefficients,
         stability=tables.stability,
         simulate=tables.simulate,
@@ -183,6 +189,7 @@ def read_recipe(path: Path) -> Recipe:
         sensor_test=SensorTest(**_tests(document, "sensor", tables.sensor), frf=tables.sensor.frf)
         if tables.sensor
         else None,
+        frf_file=_path(document, ("forces", "frf_file"), frf_file) if frf_file else None,
         document=document,
     )
 
@@ -295,16 +302,51 @@ def _modes(structure: StructureTable | None) -> Modes | None:
     )
 
 
+def _forces(document: Document, tables: RecipeTables) -> ForcesTable | None:
+    """Options of forces from accelerations, None where the cuts' forces were measured; what does not go together is refused."""
+    forces, coefficients = tables.forces, tables.coefficients
+    chosen = "method" in coefficients.model_fields_set
+    if forces is None and not (chosen and coefficients.method == "gtls"):
+        return None
+    place: Loc = ("coefficients", "method") if forces is None else ("forces",)
+    if not tables.cuts:
+        document.refuse(place, "no [[cuts]] to reconstruct the forces of; name at least one recording")
+    forces = forces or ForcesTable()
+    if chosen and coefficients.method != "gtls":
+        what = f"{coefficients.method!r} is for forces that were measured, and [forces] reconstructs them"
+        document.refuse(("coefficients", "method"), f'{what}; leave one out, or write "gtls"')
+    if chosen and forces.method != "gtls":
+        what = f'{forces.method!r} beside coefficients.method = "gtls", and the coefficients come of these forces'
+        document.refuse(("forces", "method"), f"{what}; leave one of the two out")
+    trouble = forces.trouble()
+    if trouble:
+        document.refuse(("forces", trouble[0]), trouble[1])
+    if tables.impact is not None and forces.frf_file is not None:
+        document.refuse(("forces", "frf_file"), "the FRF is given twice; keep this key or [impact]")
+    if tables.impact is None and forces.frf_file is None:
+        document.refuse(place, "no FRF of the sensors; add [impact] with hits that they heard, or forces.frf_file")
+    if forces.frf == "modes" and not tables.modes.fit:
+        document.refuse(("forces", "frf"), '[modes] says that none are fitted; let it, or write "measured"')
+    for key in ("lowpass_hz", "offset"):
+        if key in tables.conditioning.model_fields_set:
+            document.refuse(
+                ("conditioning", key), "is for forces that were measured, and the cuts here give none; leave it out"
+            )
+    return forces
+
+
 def _check_stability(document: Document, tables: RecipeTables) -> None:
     """A map needs a cutter, dynamics and coefficients."""
     if tables.cutter is None:
         document.refuse(("stability",), "no [cutter] for the map; add one")
-    if tables.impact is not None and tables.structure is not None:
-        document.refuse(("structure",), "dynamics are given twice; keep [structure] or [impact]")
+    hit = tables.impact is not None or (tables.forces is not None and tables.forces.frf_file is not None)
+    if hit and tables.structure is not None:
+        other = "[impact]" if tables.impact is not None else "forces.frf_file"
+        document.refuse(("structure",), f"dynamics are given twice; keep [structure] or {other}")
     dynamics = tables.stability.dynamics
-    if dynamics in ("frf", "corrected") and tables.impact is None:
+    if dynamics in ("frf", "corrected") and not hit:
         document.refuse(("stability", "dynamics"), "no [impact] to take an FRF from; add one, or leave the key out")
-    if dynamics in ("modes", "corrected") and tables.impact is not None and not tables.modes.fit:
+    if dynamics in ("modes", "corrected") and hit and not tables.modes.fit:
         document.refuse(("stability", "dynamics"), '[modes] says that none are fitted; let it, or write "frf"')
     diameter, radial = tables.cutter.diameter_mm, tables.stability.radial_depth_mm
     if radial is not None and radial > diameter * (1 + 1e-9):

@@ -77,7 +77,8 @@ def test_what_cannot_be_done_is_one_line_and_leaves_no_file(run, tmp_path, argum
 
 
 def test_the_choices_of_the_command_are_those_of_the_stage():
-    assert set(command.METHODS) == {*choice.FITTING, *choice.FOLLOWING}
+    assert set(command.METHODS) == {*choice.FITTING, *choice.FOLLOWING, *choice.FROM_ACCELERATIONS}
+    assert set(command.FROM_ACCELERATIONS) == set(choice.FROM_ACCELERATIONS)
     assert set(choice.FITTING) == set(stage.METHODS)
     assert set(command.FOLLOWING) == set(choice.FOLLOWING) == set(trends.METHODS)
     assert set(command.LAWS) == set(stage.LAW_NAMES)

@@ -161,7 +161,7 @@ def test_without_looking_for_jumps_there_are_none(run):
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),
     [
-        (["--method", "guess"], 2, "there are: nls, average, smooth, imm, rls, enkf, enkf-inflated"),
+        (["--method", "guess"], 2, "there are: nls, average, gtls, smooth, imm, rls, enkf, enkf-inflated"),
         (["--trend", *NLS], 2, "--trend follows coefficients that change, and --method nls does not; keep one"),
         (["--causal", *NLS], 2, "--causal goes in the order of time, and --method nls does not"),
         (["--causal", "--method", "smooth"], 2, "--method smooth does not; keep one, or choose imm"),

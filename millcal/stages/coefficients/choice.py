@@ -1,7 +1,9 @@
-"""Every method by its name: those that fit one set of coefficients, and those that follow coefficients through the cut.
+"""Every method by its name: those that fit one set of coefficients, those that follow coefficients through the cut, and
+those that have them from forces reconstructed from accelerations.
 
-The first see cuts averaged over revolutions (`CutForce`), the others the samples themselves (`CutSamples`); `follows` says
-which a method wants. An option is refused where it does not belong: who names it expects something of it.
+The first see cuts averaged over revolutions (`CutForce`), the second the samples themselves (`CutSamples`), the last the
+harmonics of accelerations (`CutVibration`) by way of the stage `forces`; `follows` and `hears` say which a method wants. An
+option is refused where it does not belong: who names it expects something of it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -25,6 +27,7 @@ FOLLOWING = {
     "enkf": (*_ALL_FOLLOWING, "members"),
     "enkf-inflated": (*_ALL_FOLLOWING, "members", "inflate_every", "inflated_share", "inflation"),
 }  # method -> its options beside the law
+FROM_ACCELERATIONS: dict[str, tuple[str, ...]] = {"gtls": ()}  # their options are those of the stage `forces`
 KEYS = {
     "chain_lowpass": "chain_lowpass_hz",
     "smoothing": "lowpass_hz",
@@ -35,6 +38,11 @@ KEYS = {
 def follows(method: str) -> bool:
     """Whether a method follows coefficients through the samples of a cut."""
     return method in FOLLOWING
+
+
+def hears(method: str) -> bool:
+    """Whether a method has the coefficients from accelerations and an FRF."""
+    return method in FROM_ACCELERATIONS
 
 
 def identify_coefficients(
@@ -121,7 +129,7 @@ def own_options(method: str, *, law: str, sensor: bool = False, **options: Any) 
     RecipeError
         The method or the law is unknown, or an option does not go with the method.
     """
-    methods = {**FITTING, **FOLLOWING}
+    methods = {**FITTING, **FOLLOWING, **FROM_ACCELERATIONS}
     for name, value, known in (("method", method, methods), ("law", law, LAW_NAMES)):
         if value not in known:
             raise RecipeError(f"coefficients.{name}: {value!r} is unknown; choose one of {', '.join(known)}")
@@ -132,6 +140,15 @@ def own_options(method: str, *, law: str, sensor: bool = False, **options: Any) 
             raise RecipeError(
                 f"coefficients.{KEYS.get(name, name)}: goes with method {_either(takers)}, not {method}; leave it out"
             )
+    if hears(method) and law != "linear-edge":
+        raise RecipeError(
+            f"coefficients.law: {law!r} is not linear, and accelerations tell coefficients of the linear-edge law alone; "
+            f"leave it out, or use another method than {method}"
+        )
+    if sensor and hears(method):
+        raise RecipeError(
+            f"coefficients.sensor: an FRF of a dynamometer has no place in method {method}, which needs none; leave it out"
+        )
     if sensor and follows(method):
         raise RecipeError(
             f"coefficients.sensor: method {method} has no place for an FRF of the dynamometer; give the low-pass of its "
