@@ -601,6 +601,10 @@ class ForceHarmonics(Record):
     frequency: np.ndarray = array("Hz", "line")
     force: np.ndarray = array("N", "line", "axis")  # complex
     force_covariance: np.ndarray = array("N^2", "line", "part", "other part")  # of Re x, Re y, .., Im x, Im y, ..
+    free_force: np.ndarray | None = array(
+        "N", "line", "axis", optional=True
+    )  # complex: of every line by itself, the law not asked, weighted as in the fit
+    free_sd: np.ndarray | None = array("N", "line", "axis", optional=True)  # root of E|error|^2
     condition: np.ndarray = array("1", "line")  # condition number of each line's FRF matrix, weighted by the noise
     condition_number: float  # of what the method solved
     regularization: float | None = None  # Tikhonov's, (m/s^2)/N
@@ -609,6 +613,7 @@ class ForceHarmonics(Record):
     measured: np.ndarray = array("m/s^2", "line", "sensor")  # complex harmonics of the accelerations
     modelled: np.ndarray = array("m/s^2", "line", "sensor")  # complex: FRF times force
     deviation: np.ndarray = array("m/s^2", "line", "sensor")  # expected |measured - modelled|, of cut and FRF
+    noise: np.ndarray | None = array("m/s^2", "line", "sensor", optional=True)  # of the cut alone, in that deviation
     sensor_residual: np.ndarray = array("1", "sensor")  # mean square over the expected one: 1 where all is right
     sensor_share: np.ndarray = array("1", "sensor")  # of what is known of the coefficients; they add up to 1
     chi2: float  # mean square of all weighted residuals per degree of freedom: 1 where FRF, noise and law are right

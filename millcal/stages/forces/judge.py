@@ -1,0 +1,395 @@
+"""Whether the forces may be believed: the FRF first, then the law, the sensors, the angle, and how well it is all known.
+
+Two chi-squares tell what is wrong. With the force of every line free, the accelerations must lie where the FRF can move the
+sensors: more sensors than forces leave something over. If they do not, the FRF is of other points, or a sensor is wrong. If
+they do, and the law leaves much more, the force is none of this law: another engagement, another cutter, chatter.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from millcal.data import Check, Frf, Modes
+from millcal.errors import IllPosedError
+from millcal.numerics.errors_in_variables import parts
+from millcal.physics.force_subspace import NAMES
+from millcal.stages.forces.fit import LawFit, fit_law
+from millcal.stages.forces.frf_errors import frf_at
+from millcal.stages.forces.frf_of_modes import OFF, relative_disagreement
+from millcal.stages.forces.law import BELIEVED, law_of
+from millcal.stages.forces.problem import Note, Problem, signed_places
+
+CHANCE = 1e-3  # that a right model is called wrong
+MUCH = 1.5  # chi-square per degree of freedom from which it matters, however unlikely less may be
+IMPRECISE = 0.25  # relative standard deviation of Ktc or Krc
+USELESS = 0.01  # share of what is known
+NEARLY_SINGULAR = 20.0  # condition number of a line
+UNKNOWN_FORCE = 1.0  # standard deviation of a line's force over the force itself
+RUNOUT_SEEN = 0.1  # amplitude between the tooth-passing harmonics over theirs
+FAR = np.radians(2.0)  # from what is stated, of a tooth's angle
+MODES_OFF = 0.05  # of the FRF's size
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """The verdict and what it stands on."""
+
+    verdict: str
+    checks: tuple[Check, ...]
+    chi2: float
+    dof: int
+    sensor_residual: np.ndarray  # (sensor,)
+    sensor_share: np.ndarray  # (sensor,)
+    recommended: str
+    recommended_why: str
+    free_force: np.ndarray  # complex (line, axis) N, the law not asked
+    free_sd: np.ndarray  # (line, axis), root of E|error|^2
+
+
+def judge(problem: Problem, fitted: LawFit, frf: Frf, modes: Modes | None, phase: str, note: Note) -> Judgement:
+    """Ask everything that can be asked of the fit of the law."""
+    fit = fitted.fit
+    share = np.einsum("spq,pq->s", fit.information, fit.covariance)
+    share = share / share.sum()
+    residual = np.mean(np.abs(fit.residual) ** 2 / fit.expected, axis=0)
+    free, free_dof, force, deviation = _free(problem, fitted, range(len(problem.sensors)))
+    frf_check = _frf_check(problem, fitted, free, free_dof, residual)
+    law_check = _law_check(fitted, free, free_dof)
+    checks = [
+        frf_check,
+        law_check,
+        _sensor_check(problem, residual),
+        _sign_check(fitted),
+        _angle_check(problem, fitted, phase, note),
+        _precision_check(problem, fitted),
+        Check("minimum", fit.converged, "the fit stands at its minimum" if fit.converged else "the fit did not end"),
+    ]
+    if modes is not None:
+        checks.append(_modes_check(problem, frf))
+    _tell_sensors(problem, fitted, share, note)
+    _tell_lines(problem, fitted, note)
+    _tell_runout(problem, note)
+    recommended, why = _recommended(frf_check.passed, law_check.passed)
+    return Judgement(
+        _verdict(checks), tuple(checks), fit.chi2, fit.dof, residual, share, recommended, why, force, deviation
+    )
+
+
+def _verdict(checks: list[Check]) -> str:
+    failed = {check.name: check.message for check in checks if not check.passed}
+    if not failed:
+        return "fits"
+    if set(failed) <= {"precision"}:
+        return f"fits in part: {failed['precision']}"
+    return "does not fit: " + "; ".join(failed.values())
+
+
+def unlikely(chi2: float, dof: int) -> bool:
+    """Whether a chi-square is more than a right model leaves, and enough more to matter."""
+    from scipy.special import chdtrc
+
+    return dof > 0 and chi2 > MUCH * dof and float(chdtrc(dof, chi2)) < CHANCE
+
+
+class _Free(NamedTuple):
+    """The force of every line by itself, and what it leaves."""
+
+    chi2: float
+    dof: int
+    force: np.ndarray  # complex (line, axis)
+    sd: np.ndarray  # (line, axis)
+
+
+def _free(problem: Problem, fitted: LawFit, sensors: Sequence[int]) -> _Free:
+    """The force without the law by some sensors, weighted as at the law's fit."""
+    chosen = list(sensors)
+    lines, rows, axes = problem.matrix.shape
+    at = np.array([line * rows + row for line in range(lines) for row in chosen])
+    at = np.concatenate([at, at + lines * rows])
+    root = np.linalg.cholesky(fitted.fit.residual_covariance[np.ix_(at, at)])
+    blocks = np.zeros((lines, len(chosen), lines, axes), complex)
+    blocks[np.arange(lines), :, np.arange(lines), :] = problem.matrix[:, chosen]
+    flat = blocks.reshape(lines * len(chosen), lines * axes)
+    A = np.linalg.solve(root, np.block([[flat.real, -flat.imag], [flat.imag, flat.real]]))
+    y = np.linalg.solve(root, parts(problem.measured[:, chosen]))
+    solution = np.linalg.lstsq(A, y, rcond=None)[0]
+    left = y - A @ solution
+    n = lines * axes
+    variance = np.diag(np.linalg.pinv(A.T @ A, hermitian=True))
+    return _Free(
+        chi2=float(left @ left),
+        dof=2 * lines * (len(chosen) - axes),
+        force=(solution[:n] + 1j * solution[n:]).reshape(lines, axes),
+        sd=np.sqrt(np.maximum(variance[:n] + variance[n:], 0.0)).reshape(lines, axes),
+    )
+
+
+def _frf_check(problem: Problem, fitted: LawFit, free: float, dof: int, residual: np.ndarray) -> Check:
+    sensors, axes = len(problem.sensors), len(problem.axes)
+    if dof <= 0:
+        message = f"{sensors} sensors and {axes} axes leave nothing over to check the FRF by; use more sensors"
+        return Check("frf", True, message)
+    size = np.sqrt(free / dof)
+    if not unlikely(free, dof):
+        return Check("frf", True, f"the FRF explains the accelerations: residual {size:.2g} times the expected one")
+    culprit = ""
+    if sensors - 1 > axes:
+        without = [_free(problem, fitted, [s for s in range(sensors) if s != row]) for row in range(sensors)]
+        cleared = [row for row, own in enumerate(without) if not unlikely(own.chi2, own.dof)]
+        best = min(range(sensors), key=lambda row: without[row].chi2)
+        if cleared:
+            culprit = f"; without {problem.sensors[best]} it would be right: look at its mounting, sign and sensitivity"
+    said = culprit or (
+        "; it was taken at other points, in another state of the machine, or with other signs: repeat the impact test with "
+        "the sensors where they are in the cut"
+    )
+    return Check(
+        "frf", False, f"the FRF does not explain the accelerations: residual {size:.2g} times the expected one{said}"
+    )
+
+
+def _law_check(fitted: LawFit, free: float, free_dof: int) -> Check:
+    fit = fitted.fit
+    more, dof = fit.chi2 - free, fit.dof - free_dof
+    size = np.sqrt(max(more, 0.0) / max(dof, 1))
+    if dof <= 0:
+        return Check(
+            "law", True, "as many coefficients as the lines have parts: nothing is left over to check the law by"
+        )
+    if not unlikely(more, dof):
+        return Check("law", True, f"the law explains the force: residual {size:.2g} times the expected one")
+    return Check(
+        "law",
+        False,
+        f"no force of this law: residual {size:.2g} times the expected one; check cutter, depths, direction (up or down), "
+        "feed direction and runout, and that the cut did not chatter",
+    )
+
+
+def _sensor_check(problem: Problem, residual: np.ndarray) -> Check:
+    lines = len(problem.order)
+    bad = [
+        f"{sensor} ({np.sqrt(value):.2g} times)"
+        for sensor, value in zip(problem.sensors, residual, strict=True)
+        if unlikely(2 * lines * value, 2 * lines) and value > 2 * np.median(residual)
+    ]
+    if not bad:
+        return Check("sensors", True, "no sensor is further off than the others")
+    return Check(
+        "sensors", False, f"further off than expected: {', '.join(bad)}; check their mounting, sign and sensitivity"
+    )
+
+
+def _sign_check(fitted: LawFit) -> Check:
+    values, covariance = fitted.law.coefficients(fitted.fit.theta, fitted.fit.covariance)
+    sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    known = fitted.law.known
+    wrong = [NAMES[i] for i in (0, 1) if i in known and values[i] <= 0]
+    wrong += [NAMES[i] for i in (3, 4) if i in known and values[i] < -2 * sd[i]]
+    if not wrong:
+        return Check("signs", True, "the coefficients have the signs of a tool that cuts")
+    return Check(
+        "signs",
+        False,
+        f"{', '.join(wrong)} negative: check direction (up or down), the axes of the hammer and the spindle angle",
+    )
+
+
+def _angle_check(problem: Problem, fitted: LawFit, phase: str, note: Note) -> Check:
+    """Whether a stated angle of tooth 0 is right, and one that was found is the only one."""
+    if phase == "known":
+        try:
+            found = fit_law(problem, law_of(problem, "fit"))
+        except IllPosedError:
+            return Check("angle", True, "the lines do not tell the spindle angle: it is as stated")
+        off, sd = float(found.phases[0]), float(found.phase_sd[0])
+        said = f"{np.degrees(off):+.2g} +- {np.degrees(sd):.2g} degrees"
+        if abs(off) > max(4 * sd, FAR / 4):
+            return Check("angle", False, f"the stated spindle angle is off by {said}; take phase = auto, or correct it")
+        return Check("angle", True, f"the lines put tooth 0 {said} from where it is stated")
+    stated = np.flatnonzero(fitted.law.stated)
+    off = fitted.phases[stated]
+    sd = fitted.phase_sd[stated]
+    for angle, own in zip(off, sd, strict=True):
+        if abs(angle) > max(3 * own, FAR):
+            note(
+                "spindle-angle",
+                f"tooth 0 stands {np.degrees(angle):+.2g} +- {np.degrees(own):.2g} degrees from where it is stated: corrected",
+            )
+    if len(stated) and np.any(np.abs(off) > 4 * BELIEVED):
+        worst = float(off[np.argmax(np.abs(off))])
+        return Check(
+            "angle",
+            False,
+            f"the stated spindle angle is off by {np.degrees(worst):+.3g} degrees; correct it, or leave it out",
+        )
+    if fitted.ambiguous:
+        others = ", ".join(f"{np.degrees(value):.0f}" for value in fitted.ambiguous)
+        return Check(
+            "angle",
+            False,
+            f"tooth 0 may stand at {np.degrees(fitted.phases[0]):.0f} or {others} degrees: state spindle_phase_deg, or cut "
+            "at a speed where the FRF tells more",
+        )
+    if not len(fitted.phases):
+        return Check("angle", True, "as stated")
+    said = ", ".join(
+        f"{np.degrees(value):.3g} +- {np.degrees(own):.2g}"
+        for value, own in zip(fitted.phases, fitted.phase_sd, strict=True)
+    )
+    return Check("angle", True, f"the lines tell where tooth 0 is: {said} degrees")
+
+
+def _precision_check(problem: Problem, fitted: LawFit) -> Check:
+    values, covariance = fitted.law.coefficients(fitted.fit.theta, fitted.fit.covariance)
+    known = [i for i in (0, 1) if i in fitted.law.known]
+    hidden = [NAMES[i] for i in (0, 1) if i not in fitted.law.known]
+    if hidden:
+        message = (
+            f"{' and '.join(hidden)} give no alternating force in this cut, so accelerations do not tell them; cut with fewer "
+            "teeth or at another radial depth"
+        )
+        return Check("precision", False, message)
+    relative = {NAMES[i]: float(np.sqrt(covariance[i, i]) / max(abs(values[i]), 1e-300)) for i in known}
+    loose = {name: value for name, value in relative.items() if value > IMPRECISE}
+    if not loose:
+        said = ", ".join(f"{name} to {value:.1%}" for name, value in relative.items())
+        return Check("precision", True, f"known with a standard deviation of: {said}")
+    worst = int(np.argmax(line_condition(problem, fitted)))
+    said = ", ".join(f"{name} to {value:.0%}" for name, value in loose.items())
+    return Check(
+        "precision",
+        False,
+        f"only known with a standard deviation of: {said}; the FRF is worst at {problem.frequency[worst]:.4g} Hz "
+        f"(harmonic {problem.order[worst] / problem.cuts[0].cutter.teeth:.3g}): cut at the speeds that are advised, or longer",
+    )
+
+
+def _modes_check(problem: Problem, frf: Frf) -> Check:
+    """Whether the modes are the measured FRF at the lines."""
+    measured = _measured(problem, frf)
+    off = relative_disagreement(measured, problem.matrix)
+    seen = np.sqrt(np.mean(np.abs(measured - problem.matrix) ** 2))
+    noise = float(np.sqrt(np.mean(problem.frf_variance) + _noise_of(problem, frf)))
+    said = f"the modes are {off:.1%} off the measured FRF at the lines, {seen / max(noise, 1e-300):.2g} times its noise"
+    if off > MODES_OFF and seen > OFF * noise:
+        return Check("modes", False, f"{said}: modes are missing; take the measured FRF, or fit more of them")
+    return Check("modes", True, said)
+
+
+def _measured(problem: Problem, frf: Frf) -> np.ndarray:
+    rows, row_sign = signed_places(problem.sensors, frf.outputs)
+    columns = [next(i for i, name in enumerate(frf.inputs) if name.lower().endswith(axis)) for axis in problem.axes]
+    sign = np.array([-1.0 if frf.inputs[c].startswith("-") else 1.0 for c in columns])
+    return frf_at(frf, problem.frequency, rows, columns) * row_sign[:, None] * sign
+
+
+def _noise_of(problem: Problem, frf: Frf) -> float:
+    """Mean variance of the measured FRF at the lines, as an accelerance; 0 where it says nothing."""
+    if frf.variance is None or frf.form != "accelerance":
+        return 0.0
+    near = [int(np.argmin(np.abs(frf.frequency - f))) for f in problem.frequency]
+    return float(np.nanmean(frf.variance[near]))
+
+
+def _tell_sensors(problem: Problem, fitted: LawFit, share: np.ndarray, note: Note) -> None:
+    useless = [
+        sensor
+        for sensor, own in zip(problem.sensors, share, strict=True)
+        if own < USELESS / max(1, len(problem.sensors) / 6)
+    ]
+    if useless:
+        note(
+            "useless-sensors",
+            f"{', '.join(useless)} tell{'s' if len(useless) == 1 else ''} less than 1 % of what is known here: too noisy, or "
+            "still where the force moves the others; put it elsewhere",
+        )
+
+
+def line_condition(problem: Problem, fitted: LawFit) -> np.ndarray:
+    """Condition number of the FRF at each line, weighted with its noise.   returns (line,)"""
+    return np.array([np.linalg.cond(A) for A in _whitened(problem, fitted)])
+
+
+def _whitened(problem: Problem, fitted: LawFit) -> list[np.ndarray]:
+    """The FRF of each line over the root of the residual's covariance there."""
+    lines, rows, _ = problem.matrix.shape
+    n = lines * rows
+    found = []
+    for line, A in enumerate(problem.matrix):
+        at = line * rows + np.arange(rows)
+        both = np.concatenate([at, at + n])
+        root = np.linalg.cholesky(fitted.fit.residual_covariance[np.ix_(both, both)])
+        found.append(np.linalg.solve(root, np.block([[A.real, -A.imag], [A.imag, A.real]])))
+    return found
+
+
+def _tell_lines(problem: Problem, fitted: LawFit, note: Note) -> None:
+    """Harmonics at which the sensors cannot tell the forces: an anti-resonance, or too much noise."""
+    force = np.abs(fitted.fit.values)
+    teeth = problem.cuts[0].cutter.teeth
+    told: dict[str, list[str]] = {"warning": [], "note": []}
+    for line, A in enumerate(_whitened(problem, fitted)):
+        own = np.linalg.cond(A)
+        axes = len(problem.axes)
+        sd = np.sqrt(np.sum(np.diag(np.linalg.pinv(A.T @ A)).reshape(2, axes), axis=0))
+        lost = [
+            f"F{axis} ({deviation:.2g} N of {size:.2g} N)"
+            for axis, deviation, size in zip(problem.axes, sd, force[line], strict=True)
+            if deviation > UNKNOWN_FORCE * size and axis != "z"
+        ]
+        harmonic = problem.order[line] / teeth
+        if not lost and own < NEARLY_SINGULAR:
+            continue
+        why = f"condition {own:.2g}" + (f", deviation of {', '.join(lost)}" if lost else "")
+        level = "warning" if harmonic == 1 and lost else "note"
+        told[level].append(
+            f"harmonic {harmonic:.3g} of {problem.cuts[problem.cut[line]].name} at {problem.frequency[line]:.4g} Hz ({why})"
+        )
+    if told["warning"]:
+        note(
+            "poor-line",
+            f"the first harmonic tells little where the FRF has an anti-resonance or is noisy: {'; '.join(told['warning'])}; "
+            "cut at another speed (--advise)",
+        )
+    if told["note"]:
+        note("poor-lines", f"lines that tell little by themselves: {'; '.join(told['note'])}", "note")
+
+
+def _tell_runout(problem: Problem, note: Note) -> None:
+    """Lines between the tooth-passing harmonics, where a cutter without runout has none; the first is left to unbalance."""
+    cutter = problem.cuts[0].cutter
+    if cutter.runout or cutter.teeth == 1 or cutter.pitch is not None:
+        return
+    shares = []
+    for cut in problem.cuts:
+        own = [cut.sensors.index(sensor) for sensor in problem.sensors]
+        order = np.arange(2, min(cut.harmonics.shape[1], 2 * cutter.teeth + 1))
+        between = order[order % cutter.teeth != 0]
+        passing = order[order % cutter.teeth == 0]
+        if not len(between) or not len(passing):
+            continue
+        noise = np.einsum("kss->ks", cut.covariance[between])[:, own].real
+        power = np.abs(cut.harmonics[own][:, between].T) ** 2
+        excess = np.sum(np.maximum(power - 4 * noise, 0.0))
+        shares.append(np.sqrt(excess / max(np.sum(np.abs(cut.harmonics[own][:, passing]) ** 2), 1e-300)))
+    if shares and max(shares) > RUNOUT_SEEN:
+        note(
+            "runout-seen",
+            f"harmonics of the spindle between those of the tooth passing, {max(shares):.0%} of them: the teeth do not cut "
+            "alike; state runout_um and runout_angle_deg of the cutter if they are known",
+        )
+
+
+def _recommended(frf_right: bool, law_right: bool) -> tuple[str, str]:
+    if frf_right and not law_right:
+        return (
+            "ls",
+            "the law does not hold here, and this method does not ask for it: its forces stand, no coefficients do",
+        )
+    why = "it weights every line and sensor by the noise of cut and FRF, and asks for all that the law demands"
+    if not frf_right:
+        return "gtls", f"{why}; but see the verdict, no method mends a wrong FRF"
+    return "gtls", why

@@ -1,0 +1,224 @@
+"""Cuts and an FRF as one inverse problem: which sensors, which lines, the FRF at these lines and the errors of both.
+
+A line is a harmonic of one cut. Its noise is what the cut's spectrum has between the harmonics. The errors of the FRF are the
+scatter of the hits about it, pooled over neighbouring lines, and they are shared: two lines closer than one over the response
+window are wrong together, and two cuts at one speed are wrong alike, so that repeating a cut at the same speed does not
+average the FRF away.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from millcal.data import AXES, CutVibration, Frf, Modes, Notice
+from millcal.errors import IllPosedError
+from millcal.numerics.errors_in_variables import MatrixError
+from millcal.physics.cutter import Cutter
+from millcal.physics.force_subspace import orders_of
+from millcal.stages.forces.frf_errors import frf_at, measured_error
+from millcal.stages.forces.frf_of_modes import modal_error, modal_frf
+
+USUAL_HARMONICS = 4  # of the tooth passing: more say little, and their noise is the more
+FEWEST_SENSORS = 2
+
+Note = Callable[..., None]  # takes code, sentence and level of a notice
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """The lines of all cuts, one cut behind the other."""
+
+    cuts: tuple[CutVibration, ...]
+    axes: tuple[str, ...]
+    sensors: tuple[str, ...]
+    cut: np.ndarray  # (line,) index
+    order: np.ndarray  # (line,) of the spindle
+    frequency: np.ndarray  # (line,) Hz
+    matrix: np.ndarray  # accelerance, complex (line, sensor, axis)
+    error: MatrixError
+    measured: np.ndarray  # complex (line, sensor) m/s^2
+    noise: np.ndarray  # complex (line, sensor, sensor) (m/s^2)^2
+    frf_variance: np.ndarray  # (line, sensor, axis), of the matrix
+
+    def of_cut(self, number: int) -> "Problem":
+        """The lines of one cut."""
+        return self.of_lines(self.cut == number)
+
+    def of_lines(self, chosen: np.ndarray) -> "Problem":
+        """Some of the lines.   chosen : (line,) bool"""
+        shared, deviations = self.error
+        return replace(
+            self,
+            cut=self.cut[chosen],
+            order=self.order[chosen],
+            frequency=self.frequency[chosen],
+            matrix=self.matrix[chosen],
+            error=MatrixError(
+                None if shared is None else shared[:, chosen][:, :, :, chosen],
+                None if deviations is None else deviations[:, chosen],
+            ),
+            measured=self.measured[chosen],
+            noise=self.noise[chosen],
+            frf_variance=self.frf_variance[chosen],
+        )
+
+
+def problem_of(
+    cuts: Sequence[CutVibration], frf: Frf, harmonics: int | None, modes: Modes | None, note: Note
+) -> Problem:
+    """Match sensors and axes, choose the lines, and take the FRF and all errors there.
+
+    harmonics : of the tooth passing; None takes `USUAL_HARMONICS`, fewer where the FRF ends
+
+    Raises
+    ------
+    IllPosedError
+        The cuts and the FRF have too few sensors in common, or no line lies in the band of the FRF.
+    """
+    sensors = sensors_in_common(cuts, frf, note)
+    axes, columns = axes_of(frf)
+    lines = lines_of(cuts, frf, harmonics, note)
+    cut = np.array([number for number, _, _ in lines])
+    order = np.array([k for _, k, _ in lines])
+    frequency = np.array([f for _, _, f in lines])
+    rows, row_sign = signed_places(sensors, frf.outputs)
+    if modes is None:
+        matrix = frf_at(frf, frequency, rows, columns)
+        error, variance = measured_error(frf, frequency, rows, columns, matrix, note)
+    else:
+        matrix = modal_frf(modes, frequency, sensors, [frf.inputs[c] for c in columns])
+        error, variance = modal_error(modes, frequency, sensors, [frf.inputs[c] for c in columns])
+    signs = 1.0 if modes is not None else row_sign[:, None] * signed_places(axes_dofs(frf, columns), frf.inputs)[1]
+    matrix = matrix * signs
+    error = _turned(error, signs)
+    own = [[cuts[number].sensors.index(sensor) for sensor in sensors] for number in range(len(cuts))]
+    return Problem(
+        cuts=tuple(cuts),
+        axes=axes,
+        sensors=sensors,
+        cut=cut,
+        order=order,
+        frequency=frequency,
+        matrix=matrix,
+        error=error,
+        measured=np.array([cuts[c].harmonics[own[c], k] for c, k, _ in lines]),
+        noise=np.array([cuts[c].covariance[k][np.ix_(own[c], own[c])] for c, k, _ in lines]),
+        frf_variance=variance,
+    )
+
+
+def _turned(error: MatrixError, signs: np.ndarray | float) -> MatrixError:
+    """Errors of a matrix whose rows and columns are turned.   signs : (row, column) of 1 and -1"""
+    if np.isscalar(signs):
+        return error
+    signs = np.asarray(signs)
+    shared, deviations = error
+    if shared is not None:
+        shared = shared * signs.T[:, None, :, None, None] * signs.T[:, None, None, None, :]
+    if deviations is not None:
+        deviations = deviations * signs
+    return MatrixError(shared, deviations)
+
+
+def signed_places(dofs: Sequence[str], among: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Where dofs without sign stand among dofs that may have one, and the sign there.   returns (dof,), (dof,)"""
+    plain = [name.lstrip("+-") for name in among]
+    places = np.array([plain.index(dof) for dof in dofs])
+    return places, np.array([-1.0 if among[place].startswith("-") else 1.0 for place in places])
+
+
+def axes_dofs(frf: Frf, columns: Sequence[int]) -> list[str]:
+    """Inputs of the FRF without their sign."""
+    return [frf.inputs[column].lstrip("+-") for column in columns]
+
+
+def sensors_in_common(cuts: Sequence[CutVibration], frf: Frf, note: Note) -> tuple[str, ...]:
+    """Dofs that every cut and the FRF have, in the order of the first cut."""
+    known = [name.lstrip("+-") for name in frf.outputs]
+    common = tuple(dof for dof in cuts[0].sensors if dof in known and all(dof in cut.sensors for cut in cuts))
+    if len(common) < FEWEST_SENSORS:
+        heard = ", ".join(cuts[0].sensors)
+        raise IllPosedError(
+            f"{cuts[0].name}: its sensors {heard} and the outputs {', '.join(known)} of the FRF have "
+            f"{'only ' + common[0] if common else 'none'} in common; name the same points alike in both, and hit the machine "
+            "with the sensors where they were in the cut"
+        )
+    left = [dof for cut in cuts for dof in cut.sensors if dof not in common]
+    if left:
+        note(
+            "sensors-left-out",
+            f"{', '.join(dict.fromkeys(left))}: not in the FRF or not in every cut, so left out",
+        )
+    return common
+
+
+def axes_of(frf: Frf) -> tuple[tuple[str, ...], list[int]]:
+    """The axes along which one point is hit, the one with most of them, and their columns.
+
+    Raises
+    ------
+    IllPosedError
+        No point is hit along x and y.
+    """
+    points: dict[str, dict[str, int]] = {}
+    for column, name in enumerate(frf.inputs):
+        dof = name.lstrip("+-")
+        if dof[-1:].lower() in AXES:
+            points.setdefault(dof[:-1], {}).setdefault(dof[-1].lower(), column)
+    whole = {point: own for point, own in points.items() if {"x", "y"} <= set(own)}
+    if not whole:
+        raise IllPosedError(
+            f"frf: no point is hit along x and y; its inputs are {', '.join(frf.inputs)}. Hit the tool tip along x, y and z, "
+            "and name the hammer's channels tipX, tipY, tipZ"
+        )
+    point = max(whole, key=lambda name: (len(whole[name]), "tip" in name.lower()))
+    own = whole[point]
+    axes = tuple(axis for axis in AXES if axis in own)
+    return axes, [own[axis] for axis in axes]
+
+
+def lines_of(cuts: Sequence[CutVibration], frf: Frf, harmonics: int | None, note: Note) -> list[tuple[int, int, float]]:
+    """The lines: cut, order of the spindle, frequency in Hz; those that the FRF covers and the cut holds."""
+    low, high = frf.usable_band
+    lines, beyond = [], []
+    for number, cut in enumerate(cuts):
+        wanted = harmonics or USUAL_HARMONICS
+        found = [
+            (number, int(order), order * cut.spindle_frequency)
+            for order in orders_of(cut.cutter, wanted)
+            if order < cut.harmonics.shape[1]
+        ]
+        inside = [line for line in found if max(low, 1e-9) <= line[2] <= high]
+        if len(inside) < len(found):
+            beyond += [line[2] for line in found if line not in inside]
+        if not inside:
+            f = cut.cutter.teeth * cut.spindle_frequency
+            raise IllPosedError(
+                f"{cut.name}: its tooth passing of {f:.4g} Hz and the harmonics lie outside the usable band of the FRF, "
+                f"{low:.4g} to {high:.4g} Hz; hit harder or softer, or cut at another speed"
+            )
+        lines += inside
+    if beyond:
+        note(
+            "lines-left-out",
+            f"{len(beyond)} harmonics, {min(beyond):.4g} to {max(beyond):.4g} Hz, lie outside the usable band of the FRF, "
+            f"{low:.4g} to {high:.4g} Hz",
+            "warning" if harmonics else "note",
+        )
+    return lines
+
+
+def tooth_passing(cutter: Cutter, order: np.ndarray) -> np.ndarray:
+    """Harmonics of the tooth passing, whole or not.   order : of the spindle"""
+    return np.asarray(order) / cutter.teeth
+
+
+def notice_collector(where: str) -> tuple[list[Notice], Note]:
+    """A list, and the function that adds to it."""
+    notices: list[Notice] = []
+
+    def note(code: str, message: str, level: str = "warning") -> None:
+        notices.append(Notice(code, message, where, level))  # type: ignore[arg-type]
+
+    return notices, note
