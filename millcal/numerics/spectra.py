@@ -1,4 +1,4 @@
-"""Harmonics of a known fundamental by least squares, its frequency, the average period, and what is left over.
+"""Harmonics of a known fundamental by least squares, its frequency, the average period, and the residual.
 
 Nothing is resampled. With `cycle` the fundamental in cycles per sample, the model y_n = sum over k = -K..K of
 a_k exp(2 pi j k cycle n) has normal equations whose matrix is known in closed form (a Dirichlet kernel, so Toeplitz) and
@@ -253,71 +253,3 @@ def average_periods(
     model = evaluate(turned(harmonics, phase), 1 / bins, 0, bins)
     angle = 2 * np.pi * np.arange(bins) / bins
     return PeriodAverage(angle, model + binned, spread, power - mean**2, square.sum(axis=1) / (stop - start))
-
-
-class Line(NamedTuple):
-    """A line that stands out of a spectrum."""
-
-    channel: int
-    frequency: float  # cycles per sample
-    amplitude: float
-    exceeds: float  # times the local median amplitude
-
-
-def asynchronous_lines(
-    read: Reader,
-    start: int,
-    stop: int,
-    cycle: float,
-    harmonics: np.ndarray,
-    *,
-    family_error: float = 0.01,
-    longest: int = 1 << 17,
-    neighbours: int = 101,
-    guard: float = 0.05,
-) -> list[Line]:
-    """Lines of the residual's spectrum that noise would reach once in 1 / family_error recordings.
-
-    Periodograms (Hann window) of equal stretches are averaged. Where there is only noise, their mean is chi-square about its
-    level, and the local median that tells the level is itself nearly chi-square, so the ratio follows F. Beside a multiple
-    of the fundamental stands what its own wander leaves: three bins, and a share `guard` of the fundamental, are left out.
-
-    harmonics : (channel, K + 1) with theta = 0 at start   neighbours : bins of the local median
-    """
-    from scipy.special import fdtri, gammaincinv
-
-    stretches = max(1, -(-(stop - start) // longest))
-    size = (stop - start) // stretches
-    if size < 2 * neighbours:
-        return []
-    window = np.hanning(size + 1)[:-1]
-    power: np.ndarray | float = 0.0
-    for _, rest in residuals(read, start, start + size * stretches, cycle, harmonics, size):
-        power = power + np.abs(np.fft.rfft((rest - rest.mean(axis=1, keepdims=True)) * window)) ** 2 / stretches
-    power = np.asarray(power)
-    frequency = np.arange(power.shape[1]) / size
-    distance = np.abs(frequency / cycle - np.rint(frequency / cycle))  # in fundamentals; multiple 0 is the drift
-    clear = distance > max(3.0 / (size * cycle), guard)
-    level = np.array([_running_median(p, neighbours) for p in power])
-    bins = max(int(clear.sum()) * len(power), 1)
-    freedom = stretches * neighbours / 1.94  # of the median; the window makes neighbours alike
-    above_mean = fdtri(2 * stretches, freedom, 1 - family_error / bins)
-    threshold = above_mean * stretches / gammaincinv(stretches, 0.5)
-    lines = []
-    for channel, p in enumerate(power):
-        over = (p > threshold * level[channel]) & clear
-        for i in np.flatnonzero(over):
-            near = slice(max(i - 2, 0), i + 3)  # the main lobe of the window
-            centre = float(np.sum(frequency[near] * p[near]) / np.sum(p[near]))
-            if p[i] < p[near].max() or abs(centre / cycle - round(centre / cycle)) <= guard:
-                continue
-            amplitude = 2 * np.sqrt(np.sum(p[near]) / (size * np.sum(window**2)))
-            lines.append(Line(channel, centre, float(amplitude), float(np.sqrt(p[i] / level[channel, i]))))
-    return lines
-
-
-def _running_median(values: np.ndarray, width: int) -> np.ndarray:
-    """The median of `width` neighbours around each value; at the ends, of those there are on the inner side."""
-    windows = np.lib.stride_tricks.sliding_window_view(values, width)
-    medians = np.concatenate([np.median(windows[at : at + CHUNK], axis=1) for at in range(0, len(windows), CHUNK)])
-    return np.pad(medians, (width // 2, len(values) - len(medians) - width // 2), mode="edge")

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from millcal.numerics.residual_lines import asynchronous_lines
 from millcal.numerics.spectra import (
-    asynchronous_lines,
     average_periods,
     block_harmonics,
     buffered,

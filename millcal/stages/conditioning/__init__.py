@@ -9,10 +9,11 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from millcal.data import CutForce, Level, Notice, Recording
+from millcal.data import AXES, CutForce, Level, Notice, Recording
 from millcal.errors import RecordingError
 from millcal.numerics import spectra
 from millcal.numerics.low_pass import low_pass_kernel, smoothed
+from millcal.numerics.residual_lines import asynchronous_lines
 from millcal.stages.conditioning import findings, spindle
 from millcal.stages.conditioning.forces import Span, block_size, force_rows, offset_line, read_forces, stated_frequency
 from millcal.stages.conditioning.samples import sample_cut
@@ -22,6 +23,7 @@ __all__ = ["condition_cut", "sample_cut"]
 
 ANALYSED_HARMONICS = 30  # taken out before the rest is called asynchronous, however few are saved
 AVERAGE_ANGLES = 360
+FORCES = tuple("f" + axis for axis in AXES)
 
 
 def condition_cut(
@@ -64,8 +66,8 @@ def condition_cut(
     rows = force_rows(recording, where)
     raw = read_forces(recording, rows, np.zeros(3), np.zeros(3))
     survey = survey_record(raw, length, rate / stated)
-    start, stop = steady_samples(recording, steady, survey, where, note)
-    findings.note_clipping(recording, rows, start, stop, note)
+    start, stop = steady_samples(recording, rows, steady, survey, where, note)
+    findings.note_clipping(recording, rows, start, stop, note, FORCES)
     spans = air_samples(recording, air, survey, (start, stop), where)
     line = offset_line(raw, spans, rate / stated, rate, offset, where, note)
     read = read_forces(recording, rows, line.offset, line.drift)
@@ -98,11 +100,12 @@ def condition_cut(
     phase, from_pulse = spindle.pulse_phase(recording, start, end, frequency, frequency_sd, note)
     averaged = spectra.average_periods(read, start, end, cycle, fitted, phase=phase, angles=AVERAGE_ANGLES)
     ac_rms, asynchronous_rms = np.sqrt(averaged.power), np.sqrt(averaged.residual_power)
-    lines = spectra.asynchronous_lines(read, start, end, cycle, fitted)
-    peaks = findings.peaks_of(lines, ac_rms, rate)
+    lines = asynchronous_lines(read, start, end, cycle, fitted)
+    peaks = findings.peaks_of(lines, AXES, ac_rms, rate)
     findings.note_chatter(peaks, ac_rms, recording.cutter.teeth * frequency, rate / (end - start), note)
-    findings.note_asynchronous(ac_rms, asynchronous_rms, note)
-    findings.note_motion(turns, ac_rms, analysed, note)
+    findings.note_asynchronous(AXES, ac_rms, asynchronous_rms, note)
+    findings.note_wander(turns, analysed, note)
+    findings.note_mean_drift(turns, ac_rms, note)
 
     fitted[:, 0] = spindle.mean_force(read, start, stop, stated / rate, fitted[:, 0].real, turns.variance[:, 0])
     variance = turns.variance[:, : saved + 1].copy()

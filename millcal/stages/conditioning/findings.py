@@ -1,11 +1,11 @@
-"""What a user should know of the force of a cut: clipping, chatter, drift, a wandering spindle."""
+"""What a user should know of the signals of a cut: clipping, chatter, drift, a wandering spindle."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 from millcal.data import AXES, AsynchronousPeak, Recording
-from millcal.numerics.spectra import Line
+from millcal.numerics.residual_lines import Line
 from millcal.stages.conditioning.forces import Note, block_size
 from millcal.stages.conditioning.spindle import Revolutions
 
@@ -17,10 +17,12 @@ ASYNCHRONOUS_FORCE = 0.05  # of the AC force of the loudest axis: less is a sens
 STILL = 4  # samples in a row at the same extreme value
 
 
-def peaks_of(lines: Sequence[Line], ac_rms: np.ndarray, rate: float) -> tuple[AsynchronousPeak, ...]:
-    """The asynchronous lines worth telling, by axis and frequency."""
+def peaks_of(
+    lines: Sequence[Line], names: Sequence[str], ac_rms: np.ndarray, rate: float
+) -> tuple[AsynchronousPeak, ...]:
+    """The asynchronous lines worth telling, by axis (or sensor) and frequency."""
     peaks: list[AsynchronousPeak] = []
-    for row, axis in enumerate(AXES):
+    for row, axis in enumerate(names):
         told = [line for line in lines if line.channel == row and line.amplitude >= SMALLEST_PEAK * ac_rms[row]]
         told = sorted(told, key=lambda line: -line.amplitude)[:MOST_PEAKS]
         peaks += [
@@ -31,15 +33,15 @@ def peaks_of(lines: Sequence[Line], ac_rms: np.ndarray, rate: float) -> tuple[As
 
 
 def note_clipping(
-    recording: Recording, rows: Sequence[int], start: int, stop: int, note: Note, axes: Sequence[str] = AXES
+    recording: Recording, rows: list[int], start: int, stop: int, note: Note, names: Sequence[str]
 ) -> None:
     """Say where samples of the steady cut stand at the limit of the input, or stand still at their extremes."""
     reaching, still = np.zeros(len(rows), int), np.zeros(len(rows), int)
     limits = np.array([recording.channels[row].full_scale or np.inf for row in rows])
     top, bottom = np.full(len(rows), -np.inf), np.full(len(rows), np.inf)
-    size = block_size(stop - start)
+    size = block_size(stop - start, len(rows))
     for at in range(start, stop, size):
-        y = np.asarray(recording.block(at, min(at + size, stop)))[list(rows)]
+        y = np.asarray(recording.block(at, min(at + size, stop), rows))
         reaching += np.sum(np.abs(y) >= 0.999 * limits[:, np.newaxis], axis=1)
         higher, lower = y.max(axis=1), y.min(axis=1)
         still[(higher > top) | (lower < bottom)] = 0  # what stood still before was no extreme
@@ -50,15 +52,14 @@ def note_clipping(
             for back in range(1, STILL):
                 run = run & at_it[:, STILL - 1 - back : -back]
             still += np.sum(run, axis=1)
-    for row, axis in enumerate(axes):
+    for row, name in enumerate(names):
         if reaching[row]:
-            note(
-                "clipped", f"f{axis} reaches its input range of {limits[row]:g} N at {reaching[row]} samples of the cut"
-            )
+            limit = f"{limits[row]:g} {recording.channels[rows[row]].unit}"
+            note("clipped", f"{name} reaches its input range of {limit} at {reaching[row]} samples of the cut")
         elif still[row] >= 3 and top[row] > bottom[row]:
             note(
                 "clipped",
-                f"f{axis} stands still at its extreme value at {still[row]} samples: the input may have clipped",
+                f"{name} stands still at its extreme value at {still[row]} samples: the input may have clipped",
             )
 
 
@@ -89,17 +90,23 @@ def note_chatter(
         )
 
 
-def note_asynchronous(ac_rms: np.ndarray, asynchronous_rms: np.ndarray, note: Note) -> None:
-    """Say which axes hold much power that the spindle does not explain."""
+def note_asynchronous(
+    names: Sequence[str],
+    ac_rms: np.ndarray,
+    asynchronous_rms: np.ndarray,
+    note: Note,
+    tolerated: float = ASYNCHRONOUS,
+) -> None:
+    """Say which axes (or sensors) hold much power that the spindle does not explain."""
     share = (asynchronous_rms / np.maximum(ac_rms, 1e-300)) ** 2
-    loud = (share > ASYNCHRONOUS) & (asynchronous_rms > ASYNCHRONOUS_FORCE * ac_rms.max())
-    told = [f"{value:.1%} in {axis}" for axis, value, tell in zip(AXES, share, loud, strict=True) if tell]
+    loud = (share > tolerated) & (asynchronous_rms > ASYNCHRONOUS_FORCE * ac_rms.max())
+    told = [f"{value:.1%} in {axis}" for axis, value, tell in zip(names, share, loud, strict=True) if tell]
     if told:
         note("asynchronous", f"AC power that does not follow the spindle: {', '.join(told)}")
 
 
-def note_motion(turns: Revolutions, ac_rms: np.ndarray, harmonics: int, note: Note) -> None:
-    """Say where the spindle's speed wanders so far that harmonics shrink, and where the mean force drifts."""
+def note_wander(turns: Revolutions, harmonics: int, note: Note) -> None:
+    """Say where the spindle's speed wanders so far that harmonics shrink."""
     wander = float(np.sqrt(max(np.var(turns.lead) - np.var(turns.gain), 0.0)))
     order = min(harmonics, 10)
     loss = -np.expm1(-((order * wander) ** 2) / 2)
@@ -109,6 +116,10 @@ def note_motion(turns: Revolutions, ac_rms: np.ndarray, harmonics: int, note: No
             f"the spindle angle wanders by {np.degrees(wander):.2g} deg rms about uniform motion: harmonic {order} comes out "
             f"{loss:.0%} too small, higher ones more",
         )
+
+
+def note_mean_drift(turns: Revolutions, ac_rms: np.ndarray, note: Note) -> None:
+    """Say where the mean force drifts."""
     if turns.means.shape[1] < 9:
         return
     thirds = np.array_split(turns.means, 3, axis=1)

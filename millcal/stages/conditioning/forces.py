@@ -59,9 +59,10 @@ def read_forces(recording: Recording, rows: list[int], offset: np.ndarray, drift
     return read
 
 
-def block_size(length: int) -> int:
-    """Samples to hold at once of a record of this length."""
-    return length if length <= WHOLE_RECORD else WHOLE_RECORD // 16
+def block_size(length: int, channels: int = 3) -> int:
+    """Samples to hold at once of a record of this length; as many of more than three channels as of three."""
+    share = max(channels / 3, 1.0)
+    return length if length * share <= WHOLE_RECORD else int(WHOLE_RECORD / 16 / share)
 
 
 class AirLine(NamedTuple):

@@ -93,7 +93,7 @@ def sample_cut(
         span = samples_of(recording, survey, first, last)
     start, stop = span
     refuse_what_is_no_number(recording, rows, start, stop, where)
-    findings.note_clipping(recording, rows, start, stop, note, axes)
+    findings.note_clipping(recording, rows, start, stop, note, [f"f{axis}" for axis in axes])
     spans = air_samples(recording, air, survey, span, where, limit)
     line = offset_line(raw, spans, rate / stated, rate, offset, where, note, axes)
 

@@ -26,12 +26,23 @@ def whole_revolutions(start: int, stop: int, cycle: float) -> tuple[int, int]:
 
 
 def spindle_cycle(
-    read: Reader, start: int, stop: int, stated: float, teeth: int, where: str, note: Note
+    read: Reader,
+    start: int,
+    stop: int,
+    stated: float,
+    teeth: int,
+    where: str,
+    note: Note,
+    *,
+    signal: str = "force",
+    followed: float = 0.3,
 ) -> spectra.Cycle:
-    """The spindle frequency in cycles per sample, from the harmonics of the force.   stated : cycles per sample
+    """The spindle frequency in cycles per sample, from the harmonics of the force (or another signal).
 
     Searched 10 % to either side of the stated speed over some revolutions, then refined over stretches four times as long
     each, so that the spindle never turns by half a period of a harmonic unseen.
+
+    stated : cycles per sample   followed : share of the power in the harmonics, with less the stated speed is kept
     """
     revolutions, _ = whole_revolutions(start, stop, stated)
     if revolutions < FEWEST_REVOLUTIONS:
@@ -56,10 +67,10 @@ def spindle_cycle(
     y = read(low, min(low + (1 << 16), high))
     fitted = spectra.fit_harmonics(spectra.reader_of(y), 0, y.shape[1], cycle, highest)
     share = 0.5 * np.sum(np.abs(fitted[:, 1:]) ** 2) / max(float(y.var(axis=1).sum()), 1e-300)
-    if share < 0.3:
+    if share < followed:
         note(
             "not-synchronous",
-            f"only {share:.0%} of the force's power follows a spindle near the stated speed, which is kept; "
+            f"only {share:.0%} of the {signal}'s power follows a spindle near the stated speed, which is kept; "
             "is this a steady cut at that speed?",
         )
         return spectra.Cycle(stated, found.sd)

@@ -34,11 +34,12 @@ def survey_record(read: Reader, length: int, samples_per_revolution: float) -> S
     """
     exact = np.minimum(np.arange(0, length + 0.5, samples_per_revolution), length)
     edges = np.rint(exact).astype(np.int64)
-    moments = np.zeros((2, len(read(0, 1)), len(edges)))  # sum and sum of squares; the last is a part of a revolution
+    channels = len(read(0, 1))
+    moments = np.zeros((2, channels, len(edges)))  # sum and sum of squares; the last is a part of a revolution
     width = max(1, -(-length // OVERVIEW_POINTS))
     low, high = [], []
     level: np.ndarray | None = None
-    size = max(1, block_size(length) // width) * width
+    size = max(1, block_size(length, channels) // width) * width
     for start in range(0, length, size):
         before = min(start, 1)  # one sample of the block before, for the borders
         y = read(start - before, min(start + size, length))
@@ -103,12 +104,23 @@ def longest(runs: list[Samples]) -> Samples:
     return max(runs, key=lambda run: run[1] - run[0])
 
 
-def steady_samples(recording: Recording, steady: Span | None, survey: Survey, where: str, note: Note) -> Samples:
-    """The steady cut: as stated, else the longest stretch of revolutions at the level of the cut."""
+def steady_samples(
+    recording: Recording,
+    rows: list[int],
+    steady: Span | None,
+    survey: Survey,
+    where: str,
+    note: Note,
+    signal: str = "force",
+) -> Samples:
+    """The steady cut: as stated, else the longest stretch of revolutions at the level of the cut.
+
+    rows : the channels that were surveyed   signal : what one of them is, for messages
+    """
     found = stated_samples(recording, steady, where) or samples_of(
-        recording, survey, *_steady_revolutions(survey, where, note)
+        recording, survey, *_steady_revolutions(survey, where, note, signal)
     )
-    refuse_what_is_no_number(recording, recording.force_rows(), *found, where)
+    refuse_what_is_no_number(recording, rows, *found, where, signal)
     return found
 
 
@@ -133,7 +145,7 @@ def samples_of(recording: Recording, survey: Survey, first: int, last: int) -> S
     return int(survey.edges[first]), stop
 
 
-def _steady_revolutions(survey: Survey, where: str, note: Note) -> Samples:
+def _steady_revolutions(survey: Survey, where: str, note: Note, signal: str) -> Samples:
     """Revolutions of the steady cut.
 
     The level of the cut is the densest half of what exceeds half of the strongest, found a second time without ramps and
@@ -149,7 +161,7 @@ def _steady_revolutions(survey: Survey, where: str, note: Note) -> Samples:
         )
     inside = usable & (strength > 0.5 * np.quantile(strength[usable], 0.95))
     if not inside.any():
-        raise RecordingError(f"{where}: the forces never change; check the channels named in the map")
+        raise RecordingError(f"{where}: the {signal}s never change; check the channels named in the map")
     even = max(
         EVEN, 10.0 / float(np.diff(survey.edges).mean()) ** 2
     )  # what few samples in a revolution leave to chance
@@ -180,16 +192,19 @@ def all_numbers_around(survey: Survey, steady: Samples) -> Samples:
     return min(int(first), steady[0]), int(last)
 
 
-def refuse_what_is_no_number(recording: Recording, rows: list[int], start: int, stop: int, where: str) -> None:
-    """Every force of the cut must be a number; the first that is none is told by its time."""
-    size = block_size(stop - start)
+def refuse_what_is_no_number(
+    recording: Recording, rows: list[int], start: int, stop: int, where: str, signal: str = "force"
+) -> None:
+    """Every sample of the cut must be a number; the first that is none is told by its channel and time."""
+    size = block_size(stop - start, len(rows))
     for at in range(start, stop, size):
         block = np.asarray(recording.block(at, min(at + size, stop), rows))
         bad = np.flatnonzero(~np.isfinite(block).all(axis=0))
         if len(bad):
+            name = recording.channels[rows[int(np.argmin(np.isfinite(block[:, bad[0]])))]].name
             raise RecordingError(
-                f"{where}: a force is not a number at {(at + bad[0]) / recording.sample_rate:g} s, within the steady cut; "
-                "give steady_s without it"
+                f"{where}: a {signal} is not a number at {(at + bad[0]) / recording.sample_rate:g} s, within the steady cut "
+                f"({name}); give steady_s without it"
             )
 
 
