@@ -176,9 +176,12 @@ def constrained_total_least_squares(
         z = W @ (s / lift * (own - shadow @ u))
         trial = N @ z + P @ (u / size)
         reached = objective(trial)
-        if not reached < least * (1 - 1e-14):
+        if reached > least * (1 + 1e-12):
             break
-        x, least = trial, reached
+        fell = reached < least * (1 - 1e-14)
+        x, least = trial, reached  # without a fall, too: x follows f to all digits, f tells only half of those of x
+        if not fell:
+            break
     return np.asarray(x)
 
 
