@@ -84,7 +84,8 @@ def gcv(system: Decomposition, *, span: tuple[float, float] = WIDE) -> Choice:
         return np.asarray((norms(system, weight)[0] / free) ** 2)
 
     weights = search_range(system, span)
-    return _choice(system, weights, function(weights), *_least(function, weights))
+    criterion = function(weights)
+    return _choice(system, weights, criterion, *_least(function, weights, criterion))
 
 
 def l_curve(system: Decomposition, *, span: tuple[float, float] = WIDE) -> Choice:
@@ -94,22 +95,24 @@ def l_curve(system: Decomposition, *, span: tuple[float, float] = WIDE) -> Choic
     """
     weights = search_range(system, span)
     curvature = l_curvature(system, weights)
-    if not np.any(curvature > 0):  # no corner anywhere: the curve bends as if noise were still to come
+    if not np.any(curvature > 0):
         return _choice(system, weights, curvature, float(weights[0]), "low")
-    return _choice(system, weights, curvature, *_least(lambda weight: -l_curvature(system, weight), weights))
+    return _choice(system, weights, curvature, *_least(lambda w: -l_curvature(system, w), weights, -curvature))
 
 
 def l_curvature(system: Decomposition, weight: np.ndarray) -> np.ndarray:
-    """Curvature of the L-curve, positive in the corner.   weight : (point,)   returns (point,)"""
+    """Curvature of the L-curve, positive in the corner.   weight : (point,)   returns (point,)
+
+    With the falls p = -d log |x|^2 / d log w and q p = d log |A x - b|^2 / d log w it is 2 q (2 / p - 1 - q) / (1 + q^2)^(3/2).
+    """
     w = np.asarray(weight)
+    if not np.any(system.beta):  # x is zero for every weight
+        return np.zeros(len(w))
     residual, size = norms(system, w)
-    rho, eta = np.maximum(residual**2, 1e-300), np.maximum(size**2, 1e-300)
     below = system.s**2 + w[:, np.newaxis] ** 2
-    slope = -4 * w * np.sum((system.s * np.abs(system.beta)) ** 2 / below**3, axis=1)  # of eta
-    slope = np.minimum(slope, -1e-300)
-    turn = w**2 * slope * rho + 2 * w * eta * rho + w**4 * eta * slope
-    speed = -slope / (eta * rho) * np.sqrt(w**4 * eta**2 + rho**2)  # along the curve, positive though the slope is not
-    return np.asarray(2 * (slope / (eta * rho)) ** 2 * turn / speed**3)
+    p = 4 * w**2 * np.sum((system.s * np.abs(system.beta)) ** 2 / below**3, axis=1) / size**2
+    q = (w * size / residual) ** 2
+    return np.asarray(2 * q * (2 / p - 1 - q) / (1 + q**2) ** 1.5)
 
 
 def discrepancy(system: Decomposition, *, noise_norm: float, span: tuple[float, float] = WIDE) -> Choice:
@@ -136,21 +139,28 @@ def search_range(system: Decomposition, span: tuple[float, float] = WIDE) -> np.
 
     returns (point,)
     """
-    return np.geomspace(span[0] * system.s[-1], span[1] * system.s[0], POINTS)
+    return _grid(span[0] * system.s[-1], span[1] * system.s[0], POINTS)
+
+
+def _grid(low: float, high: float, points: int) -> np.ndarray:
+    """Equal ratios, ends exact; a tenth of the time of numpy's geomspace."""
+    grid = np.exp(np.linspace(np.log(low), np.log(high), points))
+    grid[0], grid[-1] = low, high
+    return np.asarray(grid)
 
 
 def _least(
-    function: Callable[[np.ndarray], np.ndarray], weights: np.ndarray
+    function: Callable[[np.ndarray], np.ndarray], weights: np.ndarray, values: np.ndarray
 ) -> tuple[float, Literal["", "low", "high"]]:
     """The weight with the least value: on the grid, then on finer grids between the neighbours."""
-    i = int(np.argmin(function(weights)))
+    i = int(np.argmin(values))
     if i == 0:
         return float(weights[0]), "low"
     if i == len(weights) - 1:
         return float(weights[-1]), "high"
     around = weights[i - 1 : i + 2]
     for _ in range(4):
-        finer = np.geomspace(around[0], around[-1], 41)
+        finer = _grid(around[0], around[-1], 41)
         i = min(max(int(np.argmin(function(finer))), 1), len(finer) - 2)
         around = finer[i - 1 : i + 2]
     return float(around[1]), ""

@@ -133,3 +133,17 @@ def test_scaling_the_system_scales_the_weight():
         w = choose(decompose(A, b)).regularization
         assert choose(decompose(1e3 * A, b)).regularization == pytest.approx(1e3 * w, rel=1e-3)
         assert choose(decompose(A, 1e3 * b)).regularization == pytest.approx(w, rel=1e-3)
+
+
+@pytest.mark.parametrize("choose", [gcv, l_curve])
+def test_data_that_no_x_reaches_have_a_choice_too(choose):
+    A, _, _ = well_conditioned()
+    nothing = np.zeros(12)
+    assert np.isfinite(choose(decompose(A, nothing)).regularization)
+
+
+def test_a_curve_without_a_corner_leaves_the_lowest_weight():
+    """One singular value and nothing outside: |x| and |A x - b| are on an arc that bends the other way."""
+    choice = l_curve(decompose(np.eye(3), np.ones(3)))
+    assert np.all(choice.criterion <= 0)
+    assert choice.edge == "low"
