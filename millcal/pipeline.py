@@ -50,8 +50,12 @@ from millcal.io.results import read_result, write_result, write_results, write_t
 from millcal.io.summaries import summarise, summarise_notices, value_at, without_nan
 from millcal.report.page import render
 from millcal.stages.coefficients.choice import follows, identify_coefficients, own_options
+from millcal.stages.coefficients.from_forces import coefficients_of_forces
 from millcal.stages.conditioning import condition_cut
 from millcal.stages.conditioning.samples import sample_cut
+from millcal.stages.conditioning.vibration import condition_vibration
+from millcal.stages.forces import reconstruct_forces
+from millcal.stages.forces.advice import advise_speeds
 from millcal.stages.frf import estimate_frf
 from millcal.stages.modes import corrected_frf, fit_modes
 from millcal.stages.stability import map_stability
@@ -138,8 +142,6 @@ def _stages(recipe: Recipe, seed: int, progress: Progress) -> tuple[dict[str, An
             tests, tests.frf, _part(progress, *taken[3]), recordings, notices, form="transmissibility"
         )
     if recipe.forces is not None:
-        from millcal.stages.coefficients.from_forces import coefficients_of_forces
-
         results["forces"] = _forces(recipe.forces, cuts, results, _part(progress, *taken[4]))
         results["coefficients"] = coefficients_of_forces(results["forces"])
         notices += [*results["forces"].notices, *results["coefficients"].notices]
@@ -221,8 +223,6 @@ def _conditioned(recipe: Recipe, recording: Recording, progress: Progress) -> Cu
     """What the recipe's method takes of a cut."""
     options = recipe.conditioning
     if recipe.forces is not None:
-        from millcal.stages.conditioning.vibration import condition_vibration
-
         needed = (recipe.forces.harmonics or 0) * recording.cutter.teeth
         return condition_vibration(recording, harmonics=max(options.harmonics, needed), progress=progress)
     if follows(recipe.coefficients.method):
@@ -234,9 +234,6 @@ def _forces(
     options: ForcesTable, cuts: tuple[CutVibration, ...], results: Mapping[str, Any], progress: Progress
 ) -> ForceHarmonics:
     """Forces from what accelerometers heard of the cuts and in the impact tests; where asked for, speeds for the next cut."""
-    from millcal.stages.forces import reconstruct_forces
-    from millcal.stages.forces.advice import advise_speeds
-
     progress(0.0, "forces")
     if options.frf == "modes" and "modes" not in results:
         raise IllPosedError('forces.frf: no modes could be fitted to the FRF; write "measured"')

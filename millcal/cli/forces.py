@@ -107,7 +107,7 @@ def forces(
     if recordings and output is None:
         raise typer.BadParameter("-o is needed: the file for the result")
     if not recordings:
-        _without_cuts(advise, setup, {"--csv": table, "--figure": figure, "--compare": compare, "--modes": modes})
+        _without_cuts(advise, setup, {"--csv": table, "--compare": compare, "--modes": modes})
     phases = for_each(spindle_phase_deg, len(recordings), "--spindle-phase-deg") if recordings else []
     read = [*recordings, frf, modes, setup]
     check_files(read, [output, table, figure], once=False)
@@ -147,7 +147,7 @@ def forces(
             found = _advised(dynamics, setup, found, rpm, harmonics)
     said = {"read": read, "notices": notices, "as_json": as_json, "quiet": quiet, "seed": seed}
     if not recordings:
-        _reply_advice(found, output, **said)
+        _reply_advice(found, output, figure, **said)
         return
     keep_and_reply("forces", found, output, text=_text(found, compare), more=_drawn(found, table, figure), **said)
 
@@ -210,19 +210,35 @@ def _advised(
 
 
 def _reply_advice(
-    advice: Any, output: Path | None, *, read: Any, notices: Any, as_json: bool, quiet: bool, seed: int
+    advice: Any,
+    output: Path | None,
+    figure: Path | None,
+    *,
+    read: Any,
+    notices: Any,
+    as_json: bool,
+    quiet: bool,
+    seed: int,
 ) -> None:
-    """The speeds alone, kept where a file for them is named."""
+    """The speeds alone, kept and drawn where files for that are named."""
     from millcal.io.provenance import provenance
     from millcal.io.readable import text_of
-    from millcal.io.results import write_result
+    from millcal.io.results import replaced_atomically, write_result
     from millcal.io.summaries import summarise
 
     origin = provenance([path for path in read if path is not None], seed=seed)
+    text = text_of(advice)
+    result = {"advice": summarise(advice), "output": None if output is None else str(output)}
     if output is not None:
         write_result(output, advice, provenance=origin)
-    result = {"advice": summarise(advice), "output": None if output is None else str(output)}
-    reply("forces", text_of(advice), result, inputs=origin["inputs"], notices=notices, as_json=as_json, quiet=quiet)
+    if figure is not None:
+        from millcal.report.paper.force_harmonics import advice_file
+
+        drawn = advice_file(advice, figure.suffix[1:].lower())
+        with replaced_atomically(figure) as temporary:
+            temporary.write_bytes(drawn)
+        text, result = f"{text}\nfigure: {figure}", {**result, "figure": str(figure)}
+    reply("forces", text, result, inputs=origin["inputs"], notices=notices, as_json=as_json, quiet=quiet)
 
 
 def _text(found: Any, compare: bool) -> str:

@@ -20,16 +20,15 @@ def forces_text(forces: ForceHarmonics) -> str:
     rows = [(name, c["value"], *c["ci95"], c["unit"]) for name, c in s["coefficients"].items()]
     head, *rest = _what_it_rests_on(forces, s)
     lines = [head, table(("", "value", "95 % from", "to", "unit"), rows), *_unobservable(s), "", _harmonics(forces, s)]
-    return "\n".join(
-        [*lines, "", *rest, *_verdict(forces, s), *([] if s["advice"] is None else ["", _advice(s["advice"])])]
-    )
+    advised = [] if s["advice"] is None else ["", _advice(s["advice"])]
+    return "\n".join([*lines, "", *rest, *_residual(s), "", *_verdict(forces), *advised])
 
 
 def forces_brief(forces: ForceHarmonics) -> str:
-    """Without the coefficients, which stand by themselves where there are stages after this, and the harmonics."""
+    """Without the harmonics, and without coefficients and verdict, which those after this stage repeat."""
     s = summarise_forces(forces)
-    lines = _what_it_rests_on(forces, s)
-    return "\n".join([*lines, *_verdict(forces, s), *([] if s["advice"] is None else [_advice(s["advice"])])])
+    lines = [*_what_it_rests_on(forces, s), *_residual(s)]
+    return "\n".join([*lines, *([] if s["advice"] is None else [_advice(s["advice"])])])
 
 
 def compared_text(forces: ForceHarmonics) -> str:
@@ -81,13 +80,14 @@ def _what_it_rests_on(forces: ForceHarmonics, s: Mapping[str, Any]) -> list[str]
 
 
 def _phase(s: Mapping[str, Any]) -> str:
-    if len(s["phase_deg"]) > MOST_PHASES:
-        shown = [f"{interval([min(s['phase_deg']), max(s['phase_deg'])])} in {len(s['phase_deg'])} cuts"]
+    found = list(
+        dict.fromkeys(zip(s["phase_deg"], map(interval, s["phase_deg_ci95"]), strict=True))
+    )  # cuts may share one
+    if len(found) > MOST_PHASES:
+        ends = interval([min(s["phase_deg"]), max(s["phase_deg"])])
+        shown = [f"{ends} in {len(s['phase_deg'])} cuts"]
     else:
-        shown = [
-            cell(value) + (f" ({interval(bounds)})" if bounds else "")
-            for value, bounds in zip(s["phase_deg"], s["phase_deg_ci95"], strict=True)
-        ]
+        shown = [cell(value) + (f" ({bounds})" if bounds != "-" else "") for value, bounds in found]
     return f"tooth 0 at the angle counted from, degrees, {s['phase_from']}: {', '.join(shown)}"
 
 
@@ -124,12 +124,14 @@ def _harmonics(forces: ForceHarmonics, s: Mapping[str, Any]) -> str:
     return "\n".join([told, table([*header, "condition"], rows), *more])
 
 
-def _verdict(forces: ForceHarmonics, s: Mapping[str, Any]) -> list[str]:
+def _residual(s: Mapping[str, Any]) -> list[str]:
     lines = [f"chi2 per degree of freedom {cell(s['chi2'])}, {s['dof']} of them"]
-    if s["recommended"] != s["method"]:
-        lines += _recommended(s)
-    lines += ["", f"verdict: {forces.verdict}"]
-    return lines + [f"  failed: {check.name}: {check.message}" for check in forces.checks if not check.passed]
+    return lines + (_recommended(s) if s["recommended"] != s["method"] else [])
+
+
+def _verdict(forces: ForceHarmonics) -> list[str]:
+    failed = [f"  failed: {check.name}: {check.message}" for check in forces.checks if not check.passed]
+    return [f"verdict: {forces.verdict}", *failed]
 
 
 def _with_sd(value: float | None, sd: float | None) -> str:
