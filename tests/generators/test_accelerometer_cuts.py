@@ -16,6 +16,9 @@ from accelerometer_cuts import (
 )
 
 from millcal.physics.cutting_force import force_harmonics
+from millcal.physics.measuring_chain import MeasuringChain
+from millcal.simulation import Timeline, simulate_cut
+from millcal.stages.conditioning.vibration import condition_vibration
 
 
 def test_seed_2012_is_the_structure_of_the_stored_case():
@@ -84,3 +87,36 @@ def test_a_poor_speed_is_one_where_the_sensors_tell_the_forces_apart_badly():
     poor = poor_tooth_passing(of, 45.0, 110.0, harmonic=2)
     assert of.condition([2 * poor])[0] > 2 * np.median(of.condition(np.linspace(90.0, 220.0, 50)))
     assert of.sensors == SENSORS
+
+
+def test_a_cut_that_is_made_at_once_is_the_one_that_is_recorded_and_conditioned():
+    """The same harmonics within the noise that both state, which agrees by 15 % on the average; the mean is nothing known."""
+    of, conditions = structure(2012), slot(78.0)
+    options = {"noise": 0.5, "revolutions": 78, "angle_from": "pulse", "phase": 0.4, "lines_between": None}
+    made = heard_cut(of, conditions, np.random.default_rng(0), **options)
+    recording, _ = simulate_cut(
+        LAW,
+        TWO_TEETH,
+        conditions,
+        rng=np.random.default_rng(1),
+        sample_rate=2048.0,
+        timeline=Timeline(2.0),
+        initial_angle=0.0,
+        dynamometer=None,
+        modes=of.modes,
+        accelerometers=of.sensors,
+        accelerometer=MeasuringChain(noise=0.5),
+        pulse=True,
+        pulse_angle=0.4,
+    )
+    found = condition_vibration(recording, steady=(0.0, 2.0), harmonics=12)
+    assert found.sensors == made.sensors
+    assert found.angle_from == "pulse"
+    late = np.angle(np.vdot(made.harmonics[:, 2], found.harmonics[:, 2])) / 2  # a pulse is known to a sample at best
+    assert abs(late) < 2 * np.pi * 39 / 2048
+    turned = found.harmonics[:, 1:] * np.exp(-1j * np.arange(1, 13) * late)
+    sd = np.sqrt(np.einsum("kss->sk", made.covariance).real)[:, 1:]
+    assert np.sqrt(np.mean((np.abs(turned - made.harmonics[:, 1:]) / sd) ** 2)) == pytest.approx(np.sqrt(2), rel=0.25)
+    stated = np.sqrt(np.einsum("kss->sk", found.covariance).real)[:, 1:]
+    assert np.mean(stated) == pytest.approx(np.mean(sd), rel=0.15)
+    assert np.abs(found.harmonics[:, 0]).max() == np.abs(made.harmonics[:, 0]).max() == 0
