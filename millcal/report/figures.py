@@ -96,7 +96,7 @@ class Figure:
         return "\n".join([heading, *(",".join(row) for row in zip(*texts, strict=True))])
 
 
-def _envelope(low: np.ndarray, high: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def envelope(low: np.ndarray, high: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Lowest and highest of each of at most so many stretches.   low, high : (axis, overview)   returns the starts too"""
     n = low.shape[1]
     starts = np.unique(np.linspace(0, n, min(n, most), endpoint=False).astype(int))
@@ -110,7 +110,7 @@ def overview(cuts: Sequence[CutForce]) -> list[Figure]:
 
 
 def _overview(cut: CutForce, name: str, number: int) -> Figure:
-    starts, low, high = _envelope(cut.overview_low, cut.overview_high, ENVELOPE)
+    starts, low, high = envelope(cut.overview_low, cut.overview_high, ENVELOPE)
     time = cut.overview_time[starts]
     panels = []
     for row, axis in enumerate(AXES):

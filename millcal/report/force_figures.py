@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from millcal.data import AXES, Coefficients, CutForce
+from millcal.report.axes import axes_measured, comparable, mean_is_known
 from millcal.report.charts import (
     SMALL,
     Band,
@@ -28,6 +29,7 @@ MOST_CUTS = 12  # shown as curves; more would be a wall of small pictures
 ANGLES = 180  # points of a curve over one revolution
 
 MEASURED_AND_MODELLED = (("line measured", "measured"), ("line modelled", "modelled"))
+HEARD_AND_MODELLED = (("line measured", "from accelerations"), ("line modelled", "by the law"))
 
 
 def cuts_shown(n: int) -> list[int]:
@@ -48,11 +50,12 @@ def one_revolution(fit: Coefficients, cuts: Sequence[CutForce]) -> list[Figure]:
     revolutions, where the conditioned cut is at hand.
     """
     conditioned = conditioned_cuts(fit, cuts)
-    y_ranges = [span_of(fit.measured[:, row], fit.modelled[:, row], include=(0.0,)) for row in range(3)]
-    residual = fit.measured - fit.modelled
-    reach = [max(float(np.nanmax(np.abs(residual[:, row]))) * 1.1, 1e-9) for row in range(3)]
+    measured, modelled = comparable(fit)
+    y_ranges = [span_of(measured[:, row], modelled[:, row], include=(0.0,)) for row in range(3)]
+    residual = measured - modelled
+    reach = [max(float(np.nan_to_num(np.abs(residual[:, row])).max()) * 1.1, 1e-9) for row in range(3)]
     return [
-        _revolution(fit, number, conditioned.get(number), residual[number], y_ranges, reach)
+        _revolution(fit, number, conditioned.get(number), (measured, modelled, residual), y_ranges, reach)
         for number in cuts_shown(len(fit.cuts))
     ]
 
@@ -61,7 +64,7 @@ def _revolution(
     fit: Coefficients,
     number: int,
     cut: CutForce | None,
-    residual: np.ndarray,
+    drawn: Sequence[np.ndarray],  # measured, modelled, residual: (cut, axis, angle) N
     y_ranges: Sequence[tuple[float, float]],
     reach: Sequence[float],
 ) -> Figure:
@@ -70,8 +73,9 @@ def _revolution(
     kept = np.arange(0, len(fit.angle), step)
     degrees = np.degrees(fit.angle[kept])
     columns, drawings = [Column("spindle angle", "deg", degrees)], []
-    for row, axis in enumerate(AXES):
-        measured, modelled, left = (v[row, kept] for v in (fit.measured[number], fit.modelled[number], residual))
+    for row in axes_measured(fit):
+        axis = AXES[row]
+        measured, modelled, left = (v[number, row, kept] for v in drawn)
         items: list[Item] = [Rule(0.0, "y", "zero")]
         if cut is not None:
             spread = np.interp(fit.angle[kept], cut.average_angle, cut.scatter[row], period=2 * np.pi)
@@ -83,7 +87,7 @@ def _revolution(
         panels = [
             Panel(f"F{axis}, N", items, 118, y_ranges[row], most_ticks=4),
             Panel(f"difference, N{share}", under, 46, (-reach[row], reach[row]), ticks=symmetric_ticks(reach[row])),
-        ]
+        ][: 2 if np.isfinite(rms) else 1]  # where the law does not know this axis, there is no difference
         drawings.append(
             chart(
                 panels,
@@ -91,8 +95,8 @@ def _revolution(
                 x_range=(0.0, 360.0),
                 x_ticks=[(a, fixed(a, 0)) for a in (0, 90, 180, 270, 360)],
                 frame=SMALL,
-                label=f"Force F{axis} over one revolution of cut {name}: measured, modelled and their "
-                f"difference, which has {rms:.3g} N rms",
+                label=f"Force F{axis} over one revolution of cut {name}: measured, modelled and their difference"
+                + (f", which has {rms:.3g} N rms" if np.isfinite(rms) else ", which is not known"),
             )
         )
         columns += [Column(f"F{axis} measured", "N", measured), Column(f"F{axis} modelled", "N", modelled)]
@@ -108,7 +112,7 @@ def _revolution(
 
 def _last_harmonic(fit: Coefficients) -> int:
     """The last harmonic worth drawing: above four per cent of the axis's largest somewhere, and beyond the fit's band."""
-    amplitude = np.maximum(fit.measured_amplitude, fit.modelled_amplitude)[:, :, 1:]
+    amplitude = np.nan_to_num(np.fmax(fit.measured_amplitude, fit.modelled_amplitude)[:, :, 1:])
     largest = amplitude.max(axis=(0, 2), keepdims=True)
     tall = np.flatnonzero((amplitude > 0.04 * np.maximum(largest, 1e-300)).any(axis=(0, 1)))
     needed = max(2 * fit.cutter.teeth + 2, fit.band[1] + 2, int(tall[-1]) + 1 if len(tall) else 0)
@@ -134,9 +138,11 @@ def harmonics(fit: Coefficients) -> Figure | None:
         Column("harmonic", "", np.repeat(numbers, n).astype(float)),
         Column("feed per tooth", "mm", np.tile(fit.feed_per_tooth[order] * 1e3, last)),
     ]
-    panels = []
-    for row, axis in enumerate(AXES):
-        items: list[Item] = [*tooth_passing, *(beyond if row == 0 else beyond[:1])]
+    panels: list[Panel] = []
+    axes = axes_measured(fit)
+    for row in axes:
+        axis = AXES[row]
+        items: list[Item] = [*tooth_passing, *(beyond[:1] if panels else beyond)]
         for kind, shape, values in (
             ("measured", "dot", fit.measured_amplitude),
             ("modelled", "ring", fit.modelled_amplitude),
@@ -155,7 +161,7 @@ def harmonics(fit: Coefficients) -> Figure | None:
         x_label="harmonic of the spindle",
         x_range=(0.4, last + 0.6),
         x_ticks=[(k, str(k)) for k in range(1, last + 1)],
-        label=f"Amplitudes of the harmonics 1 to {last} of the spindle, measured and modelled, for {n} cuts and 3 axes",
+        label=f"Amplitudes of the harmonics 1 to {last} of the spindle, measured and modelled, for {n} cuts and {len(axes)} axes",
     )
     caption = (
         "Within each harmonic the cuts stand side by side by rising feed, so a line that rises is a force that grows with "
@@ -176,13 +182,20 @@ def series_of_feed(fit: Coefficients) -> list[list[int]]:
     return list(groups.values())
 
 
-def mean_force(fit: Coefficients) -> Figure:
-    """Mean force against feed per tooth, measured and modelled, with the residuals; a line for each set of conditions."""
+def mean_force(fit: Coefficients) -> Figure | None:
+    """Mean force against feed per tooth, measured and modelled, with the residuals; a line for each set of conditions.
+
+    None where no mean force is known.
+    """
+    if not mean_is_known(fit):
+        return None
     groups = series_of_feed(fit)
     feed = fit.feed_per_tooth * 1e3
     left = fit.measured_mean - fit.modelled_mean
     drawings = []
-    for row, axis in enumerate(AXES):
+    axes = np.flatnonzero(np.isfinite(fit.measured_mean).any(axis=0)).tolist()
+    for row in axes:
+        axis = AXES[row]
         items: list[Item] = [Rule(0.0, "y", "zero")]
         under: list[Item] = [Rule(0.0, "y", "zero")]
         for members in groups:
@@ -209,7 +222,8 @@ def mean_force(fit: Coefficients) -> Figure:
             )
         )
     columns = [Column("feed per tooth", "mm", feed)]
-    for row, axis in enumerate(AXES):
+    for row in axes:
+        axis = AXES[row]
         columns += [
             Column(f"F{axis} measured", "N", fit.measured_mean[:, row]),
             Column(f"F{axis} modelled", "N", fit.modelled_mean[:, row]),

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any
 
-from millcal.data import CutForce, Notice
+from millcal.data import CutForce, CutVibration, Notice
 from millcal.report.wording import cut_names
 
 LEVELS = ("warning", "note")
@@ -46,7 +46,7 @@ def _places(summary: Mapping[str, Any], records: Sequence[Any]) -> dict[str, str
     """What a place is called here: a cut as in the tables, any other file without its folder."""
     entries = summary.get("recordings") or ()
     files = {str(entry[key]): entry.get("kind") for entry in entries for key in ("name", "path") if entry.get(key)}
-    names = cut_names([record.name for record in records if isinstance(record, CutForce)])
+    names = cut_names([record.name for record in records if isinstance(record, (CutForce, CutVibration))])
     of_cuts = {PurePath(name).name: short for name, short in names.items()}
     shown = {}
     for file, kind in files.items():

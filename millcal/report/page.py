@@ -13,18 +13,31 @@ from typing import Any
 import jinja2
 from markupsafe import Markup, escape
 
-from millcal.data import CoefficientHistory, Coefficients, CutForce, Frf, Modes, StabilityMap
+from millcal.data import (
+    CoefficientHistory,
+    Coefficients,
+    CutForce,
+    CutVibration,
+    ForceHarmonics,
+    Frf,
+    Modes,
+    StabilityMap,
+)
 from millcal.report import (
     blocks,
     figures,
     force_figures,
+    force_harmonics_section,
+    force_harmonics_tables,
     history_section,
     modal_figures,
     modal_tables,
     notices,
     stability_figure,
     tables,
+    vibration_quality,
 )
+from millcal.report.axes import mean_is_known
 from millcal.report.digits import fixed, nominal, plus_minus, rounded_down, significant
 from millcal.report.driving_points import driving_pairs
 from millcal.report.wording import (
@@ -60,44 +73,55 @@ _TEMPLATES.filters["spelt"] = spelt
 _TEMPLATES.filters["question"] = question
 
 
-Fit = Coefficients | CoefficientHistory  # what both hold: posterior, cutter, conditions, cuts, verdict, checks
+Cut = CutForce | CutVibration
+Fit = (
+    Coefficients | CoefficientHistory | ForceHarmonics
+)  # what all hold: posterior, cutter, conditions, cuts, verdict, checks
 
 
 def render(results: Mapping[str, Any], summary: Mapping[str, Any], provenance: Mapping[str, Any]) -> str:
     """The report as HTML text; the same input gives the same bytes.
 
-    results : any of "cuts" (sequence of CutForce), "frf" (Frf), "sensor" (Frf), "modes" (Modes), "coefficients" (Coefficients
-        or CoefficientHistory), "stability" (StabilityMap); a missing or None entry leaves its sections out
+    results : any of "cuts" (sequence of CutForce), "vibrations" (sequence of CutVibration), "frf" (Frf), "sensor" (Frf),
+        "modes" (Modes), "forces" (ForceHarmonics), "coefficients" (Coefficients or CoefficientHistory), "stability"
+        (StabilityMap); a missing or None entry leaves its sections out
     summary : what `summary.json` holds; read are `title`, `warnings` and `notes` [{code, message, where}],
         `expect` [{key, value, interval, ok}] and `recordings` [{name, path, kind, sample_rate_hz, duration_s,
         channels: [{name, quantity, unit, dof}]}], each optional
     provenance : as `io.provenance` makes it: versions, `inputs` {path: sha256}, `seed`, `recipe` (its text), each optional
     """
-    cuts: Sequence[CutForce] = tuple(results.get("cuts") or ())
+    conditioned: Sequence[Cut] = (*(results.get("cuts") or ()), *(results.get("vibrations") or ()))
+    cuts = [cut for cut in conditioned if isinstance(cut, CutForce)]
+    heard = [cut for cut in conditioned if isinstance(cut, CutVibration)]
     frf: Frf | None = results.get("frf")
     sensor: Frf | None = results.get("sensor")
     modes: Modes | None = results.get("modes")
+    forces: ForceHarmonics | None = results.get("forces")
     found: Coefficients | CoefficientHistory | None = results.get("coefficients")
+    judged: Fit | None = found if found is not None else forces
     fit = found if isinstance(found, Coefficients) else None
     history = found if isinstance(found, CoefficientHistory) else None
     map_: StabilityMap | None = results.get("stability")
-    records = (*cuts, frf, sensor, modes, found, map_)
+    records = (*conditioned, frf, sensor, modes, forces, found, map_)
     sections = [
-        _measured(cuts, found, summary, provenance),
-        _quality(cuts, frf),
+        _measured(conditioned, judged, summary, provenance),
+        _quality(cuts, heard, frf),
         _dynamics(frf),
         _modal(modes),
         _dynamometer(sensor),
-        _force(fit, cuts),
+        *force_harmonics_section.sections(forces),
+        _force(fit, cuts, forces),
         _coefficients(fit),
         *history_section.sections(history),
-        _stability(map_, found),
+        *force_harmonics_section.coefficients(forces, elsewhere=found is not None),
+        _stability(map_, judged),
+        force_harmonics_section.advice(forces),
     ]
     return _TEMPLATES.get_template("page.html.j2").render(
         title=summary.get("title") or "Calibration report",
-        subtitle=_subtitle(cuts, found, frf, modes),
-        verdicts=_verdicts(found, map_, summary),
-        key_numbers=_key_numbers(found, map_, frf, modes),
+        subtitle=_subtitle(conditioned, judged, frf, modes),
+        verdicts=_verdicts(judged, map_, summary),
+        key_numbers=_key_numbers(judged, map_, frf, modes),
         expected=tables.expected(summary),
         sections=[section for section in sections if section],
         warnings=notices.grouped(summary, records, "warning"),
@@ -109,7 +133,7 @@ def render(results: Mapping[str, Any], summary: Mapping[str, Any], provenance: M
 
 
 def _measured(
-    cuts: Sequence[CutForce], fit: Fit | None, summary: Mapping[str, Any], provenance: Mapping[str, Any]
+    cuts: Sequence[Cut], fit: Fit | None, summary: Mapping[str, Any], provenance: Mapping[str, Any]
 ) -> dict | None:
     cutter = fit.cutter if fit is not None else cuts[0].cutter if cuts else None
     return blocks.section(
@@ -121,7 +145,7 @@ def _measured(
     )
 
 
-def _quality(cuts: Sequence[CutForce], frf: Frf | None) -> dict | None:
+def _quality(cuts: Sequence[CutForce], heard: Sequence[CutVibration], frf: Frf | None) -> dict | None:
     shown = [cuts[number] for number in force_figures.cuts_shown(len(cuts))] if cuts else []
     caption = (
         "Lowest and highest force of every short stretch. Shaded: the steady part, which was used, and the air cuts."
@@ -141,6 +165,7 @@ def _quality(cuts: Sequence[CutForce], frf: Frf | None) -> dict | None:
             "halves",
             (("span steady", "steady cut"), ("span air", "air cut"), ("span signal", "envelope of the force")),
         ),
+        *vibration_quality.quality(heard),
         blocks.table(tables.hits(frf)) if frf is not None else None,
     )
 
@@ -216,19 +241,23 @@ def _curves(frf: Frf) -> list[dict]:
     return [block for block in drawn if block]
 
 
-def _force(fit: Coefficients | None, cuts: Sequence[CutForce]) -> dict | None:
-    if fit is None:
+def _force(fit: Coefficients | None, cuts: Sequence[CutForce], forces: ForceHarmonics | None) -> dict | None:
+    """Measured against modelled force; where the force of accelerations is at hand, its own sections show that."""
+    with_mean = fit is not None and mean_is_known(fit)
+    if fit is None or (forces is not None and not with_mean):
         return None
     revolutions = force_figures.one_revolution(fit, cuts)
-    key = list(force_figures.MEASURED_AND_MODELLED)
+    key = list(force_figures.MEASURED_AND_MODELLED if with_mean else force_figures.HEARD_AND_MODELLED)
     if force_figures.conditioned_cuts(fit, cuts):
         key.insert(1, ("span band-measured", "± 2 sd of the revolutions"))
     caption = "Force on the tool over one revolution of the spindle; an axis has one scale in all cuts."
     if len(revolutions) < len(fit.cuts):
         caption += f" {len(revolutions)} of {len(fit.cuts)} cuts are drawn."
+    if not with_mean:
+        caption += " Both are without their mean, which accelerations do not tell."
     return blocks.section(
         "force",
-        "Measured against modelled force",
+        "Measured against modelled force" if with_mean else "Force from accelerations against the law",
         _reasons(fit, cuts),
         blocks.figures(revolutions, "Force over one revolution", caption, "stack", key),
         blocks.figure(force_figures.harmonics(fit)),
@@ -239,12 +268,21 @@ def _force(fit: Coefficients | None, cuts: Sequence[CutForce]) -> dict | None:
 
 def _reasons(fit: Coefficients, cuts: Sequence[CutForce]) -> dict | None:
     """What the checks hold against the model: the figures below prove or refute each."""
-    drawn = {"quality": cuts, "harmonics": force_figures.harmonics(fit), "intervals": force_figures.intervals(fit)}
-    hidden = {name for name, there in drawn.items() if not there} | HISTORY_PLACES
+    drawn = {
+        "quality": cuts,
+        "harmonics": force_figures.harmonics(fit),
+        "intervals": force_figures.intervals(fit),
+        "mean-force": force_figures.mean_force(fit),
+    }
+    hidden = {name for name, there in drawn.items() if not there} | HISTORY_PLACES | force_harmonics_section.PLACES
     return blocks.reasons([check for check in fit.checks if not check.passed], fit_level(fit), hidden)
 
 
-_METHODS = {"nls": "fitted to the force within the revolution (nls)", "average": "fitted to the mean forces (average)"}
+_METHODS = {
+    **force_harmonics_tables.METHODS,
+    "nls": "fitted to the force within the revolution (nls)",
+    "average": "fitted to the mean forces (average)",
+}
 
 
 def _coefficients(fit: Coefficients | None) -> dict | None:
@@ -256,7 +294,7 @@ def _coefficients(fit: Coefficients | None) -> dict | None:
         "coefficients",
         "Cutting coefficients",
         blocks.text(f"{law}, {method}, {len(fit.cuts)} cut{'s' if len(fit.cuts) > 1 else ''}."),
-        blocks.table(tables.coefficients(fit)),
+        blocks.table(tables.coefficients(fit.posterior, tables.untold(fit))),
         blocks.figure(force_figures.intervals(fit)),
         blocks.checks("Checks of the fit", fit.checks),
         blocks.table(tables.agreement(fit)),
@@ -279,7 +317,7 @@ def _stability(map_: StabilityMap | None, fit: Fit | None) -> dict | None:
     )
 
 
-def _subtitle(cuts: Sequence[CutForce], fit: Fit | None, frf: Frf | None, modes: Modes | None) -> str:
+def _subtitle(cuts: Sequence[Cut], fit: Fit | None, frf: Frf | None, modes: Modes | None) -> str:
     parts = []
     cutter = fit.cutter if fit is not None else cuts[0].cutter if cuts else None
     if cutter is not None:

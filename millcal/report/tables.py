@@ -7,12 +7,24 @@ from typing import Any, Literal
 
 import numpy as np
 
-from millcal.data import AXES, Coefficients, CutForce, Frf, StabilityMap
+from millcal.data import (
+    AXES,
+    CoefficientHistory,
+    Coefficients,
+    CutForce,
+    CutVibration,
+    ForceHarmonics,
+    Frf,
+    Posterior,
+    StabilityMap,
+)
+from millcal.report.axes import axes_measured, mean_is_known
 from millcal.report.digits import UNKNOWN, decimals_for, fixed, nominal, rounded_down, significant, with_interval
 from millcal.report.wording import channels_in_words, cut_names, parameter, percent, short_names
 from millcal.units import to_shop
 
 MOST_PEAKS = 12  # lines of the spectrum that are listed
+LINEAR_EDGE = ("Ktc", "Krc", "Kac", "Kte", "Kre", "Kae")
 SHADES = 9  # of cells that show a number by their colour too
 
 
@@ -37,7 +49,9 @@ def _rpm(speed: float) -> float:
     return to_shop(speed, "spindle_speed_rpm")
 
 
-def conditions(cuts: Sequence[CutForce], fit: Coefficients | None) -> Table | None:
+def conditions(
+    cuts: Sequence[CutForce | CutVibration], fit: Coefficients | CoefficientHistory | ForceHarmonics | None
+) -> Table | None:
     """The conditions of each cut."""
     if cuts:
         named = [(cut.name, cut.conditions, cut.cutter.teeth) for cut in cuts]
@@ -182,20 +196,32 @@ def hits(frf: Frf) -> Table | None:
     return Table("Hits of the impact test", headings, rows, words=(0, 4, 5), note=note) if rows else None
 
 
-def coefficients(fit: Coefficients) -> Table:
-    """Every parameter with its interval and spread."""
-    posterior = fit.posterior
+def untold(fit: Coefficients) -> list[str]:
+    """Coefficients of the linear-edge law that accelerations do not tell, beside those they do; none of other fits."""
+    if mean_is_known(fit) or fit.posterior.law != "linear-edge":
+        return []
+    return [name for name in LINEAR_EDGE if name not in fit.posterior.names]
+
+
+def coefficients(posterior: Posterior, untold: Sequence[str] = (), *, title: str = "", note: str = "") -> Table:
+    """Every parameter with its interval and spread.   untold : coefficients that the data cannot show"""
     rows = []
     for index, name in enumerate(posterior.names):
         known = parameter(name)
         value, low, high = (float(v) / known.factor for v in (posterior.mean[index], *posterior.interval[index]))
-        sd = float(max(posterior.covariance[index, index], 0.0) ** 0.5) / known.factor
+        sd = float(np.sqrt(np.maximum(posterior.covariance[index, index], 0.0))) / known.factor
         centre, lowest, highest = with_interval(value, low, high)
         doubt = "not told from zero" if low < 0 < high else ""
         meaning = f"{known.meaning}; {doubt}" if doubt and known.meaning else known.meaning or doubt
-        rows.append([name, centre, f"{lowest} to {highest}", significant(sd, 2), known.unit, meaning])
+        between = f"{lowest} to {highest}" if np.isfinite([low, high]).any() else UNKNOWN
+        rows.append([name, centre, between, significant(sd, 2), known.unit, meaning])
+    for name in untold:
+        known = parameter(name)
+        rows.append([name, UNKNOWN, UNKNOWN, UNKNOWN, known.unit, f"{known.meaning}; not told by accelerations"])
+    order = {name: place for place, name in enumerate(LINEAR_EDGE)} if untold else {}
+    rows.sort(key=lambda row: order.get(row[0], len(order)))
     headings = ("", "value", "95 % interval", "sd", "unit", "what it is")
-    return Table("", headings, rows, words=(0, 4, 5))
+    return Table(title, headings, rows, words=(0, 4, 5), note=note)
 
 
 def alternatives(fit: Coefficients) -> Table | None:
@@ -240,7 +266,8 @@ def agreement(fit: Coefficients) -> Table:
 
 def spectrum(fit: Coefficients) -> Table | None:
     """Where in the spectrum the alternating force sits, measured and modelled, in per cent of the measured AC power."""
-    measured, modelled = (v[:, :, 1:] ** 2 for v in (fit.measured_amplitude, fit.modelled_amplitude))
+    measured, modelled = (np.nan_to_num(v[:, :, 1:]) ** 2 for v in (fit.measured_amplitude, fit.modelled_amplitude))
+    axes = axes_measured(fit)
     order = np.arange(1, measured.shape[2] + 1)
     teeth = fit.cutter.teeth
     kinds = (
@@ -252,14 +279,14 @@ def spectrum(fit: Coefficients) -> Table | None:
     rows = []
     for words, kind in kinds:
         if kind.any():
-            shares = (100 * v[:, :, kind].sum(axis=(0, 2)) / whole for v in (measured, modelled))
+            shares = ((100 * v[:, :, kind].sum(axis=(0, 2)) / whole)[axes] for v in (measured, modelled))
             rows.append([words, *(fixed(float(v), 1) for pair in zip(*shares, strict=True) for v in pair)])
     return (
         Table(
             "Where the alternating force sits",
-            ("", *("measured", "modelled") * 3),
+            ("", *("measured", "modelled") * len(axes)),
             rows,
-            groups=(("", 1), *((f"F{axis}, % of the measured AC power", 2) for axis in AXES)),
+            groups=(("", 1), *((f"F{AXES[row]}, % of the measured AC power", 2) for row in axes)),
         )
         if rows
         else None

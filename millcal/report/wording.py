@@ -7,7 +7,7 @@ from math import degrees
 from pathlib import PurePath
 from typing import Any
 
-from millcal.data import CoefficientHistory, Coefficients, Cutter, CuttingConditions, StabilityMap
+from millcal.data import CoefficientHistory, Coefficients, Cutter, CuttingConditions, ForceHarmonics, StabilityMap
 from millcal.report.digits import fixed, nominal, significant, with_interval
 from millcal.units import to_shop
 
@@ -108,13 +108,13 @@ def _said(level: str, head: str, text: str) -> Verdict:
     return Verdict(level, _SIGNS[level], head, text)
 
 
-def fit_level(fit: Coefficients | CoefficientHistory) -> str:
+def fit_level(fit: Coefficients | CoefficientHistory | ForceHarmonics) -> str:
     """good, part or bad as the verdict of the fit begins; none where it says something else."""
     beginnings = {"does not fit": "bad", "fits in part": "part", "fits": "good"}
     return next((level for begins, level in beginnings.items() if fit.verdict.strip().startswith(begins)), "none")
 
 
-def fit_verdict(fit: Coefficients | CoefficientHistory) -> Verdict:
+def fit_verdict(fit: Coefficients | CoefficientHistory | ForceHarmonics) -> Verdict:
     """What the verdict of the fit means for the one who wants to use the coefficients."""
     level, why = fit_level(fit), fit.verdict.partition(":")[2]
     cuts = "the 1 cut" if len(fit.cuts) == 1 else f"the {len(fit.cuts)} cuts"
@@ -136,7 +136,7 @@ _DOUBTS = {
 }
 
 
-def map_verdict(fit: Coefficients | CoefficientHistory | None) -> Verdict | None:
+def map_verdict(fit: Coefficients | CoefficientHistory | ForceHarmonics | None) -> Verdict | None:
     """What the map is worth where its coefficients are in doubt; None where they are not."""
     level = fit_level(fit) if fit is not None else "good"
     if level not in _DOUBTS:
@@ -144,7 +144,9 @@ def map_verdict(fit: Coefficients | CoefficientHistory | None) -> Verdict | None
     return _said(level, _DOUBTS[level], "Its band and its probabilities know nothing of that.")
 
 
-def operating_verdict(map_: StabilityMap, fit: Coefficients | CoefficientHistory | None = None) -> Verdict | None:
+def operating_verdict(
+    map_: StabilityMap, fit: Coefficients | CoefficientHistory | ForceHarmonics | None = None
+) -> Verdict | None:
     """Whether the cut that the recipe names is stable; None where it names none or the map does not reach there."""
     if map_.operating_point is None:
         return None
@@ -318,6 +320,44 @@ QUESTIONS = {
         "coefficient-history",
         "how wide their bands are beside that of the specific force",
     ),
+    "frf": Question(
+        "The FRF explains the accelerations",
+        "The FRF does not explain the accelerations",
+        "accelerations",
+        "whether one sensor or one harmonic is off, or all are",
+    ),
+    "law": Question(
+        "The law explains the force",
+        "The force is none of this law",
+        "force-harmonics",
+        "harmonics by themselves that leave those of the law",
+    ),
+    "sensors": Question(
+        "No sensor is off",
+        "Some sensor is off",
+        "accelerations",
+        "the row of that sensor",
+    ),
+    "signs": Question(
+        "The coefficients have the signs of a tool that cuts",
+        "The coefficients have signs of no tool that cuts",
+        "coefficients",
+        "which of them are negative",
+    ),
+    "angle": Question(
+        "The angle of tooth 0 is known",
+        "The angle of tooth 0 is wrong or not known",
+        "reconstruction",
+        "the angle of tooth 0",
+    ),
+    "precision": Question(
+        "Ktc and Krc are known well enough",
+        "Ktc or Krc are hardly known",
+        "coefficients",
+        "how wide their intervals are, and which of them no harmonic shows",
+    ),
+    "minimum": Question("The fit stands at its minimum", "The fit did not end"),
+    "modes": Question("The modes are the measured FRF", "The modes are not the measured FRF"),
     "models": Question(
         "The models agree on Ktc", "Ktc depends on the model", "coefficients", "what other models say of the same cuts"
     ),

@@ -9,31 +9,38 @@ from collections.abc import Mapping
 from typing import Any
 
 from millcal.data import CoefficientHistory
-from millcal.report.paper import coefficients, forces, frf, history, modes, sheet, stability
+from millcal.report.axes import mean_is_known
+from millcal.report.paper import coefficients, force_harmonics, forces, frf, history, modes, sheet, stability
 
 NAMES = re.compile(
-    r"stability-map|frf(-\d+)?|modal-fit(-\d+)?|modal-chart|force-revolution(-\d+)?|mean-force|coefficients|history"
+    r"stability-map|frf(-\d+)?|modal-fit(-\d+)?|modal-chart|force-revolution(-\d+)?|mean-force|coefficients|history|"
+    r"force-harmonics|force-methods|speed-advice"
 )  # of all there can be
 
 
 def figures_of(results: Mapping[str, Any]) -> dict[str, Any]:
     """Every figure that the records give, by name; to be called and used within `sheet.style()`.
 
-    results : as for the page, any of "cuts", "frf", "modes", "coefficients", "stability"
+    results : as for the page, any of "cuts", "frf", "modes", "forces", "coefficients", "stability"
     """
     cuts, fit = tuple(results.get("cuts") or ()), results.get("coefficients")
-    figures = {}
+    figures: dict[str, Any] = {}
     if results.get("stability") is not None:
         figures["stability-map"] = stability.stability_map(results["stability"])
     if results.get("frf") is not None:
         figures |= frf.driving_points(results["frf"], results.get("modes"))
     if results.get("modes") is not None:
         figures |= modes.modal_figures(results["modes"])
+    heard = results.get("forces")
+    if heard is not None:
+        figures |= force_harmonics.figures(heard)
     if isinstance(fit, CoefficientHistory):
         figures["history"] = history.history_sheet(fit)
     elif fit is not None:
-        figures |= forces.revolutions(fit, cuts)
-        figures["mean-force"] = forces.mean_force(fit, cuts)
+        if heard is None or mean_is_known(fit):  # else the force is drawn with all that accelerations tell
+            figures |= forces.revolutions(fit, cuts)
+        if mean_is_known(fit):
+            figures["mean-force"] = forces.mean_force(fit, cuts)
         figures |= coefficients.intervals(fit)
     return figures
 

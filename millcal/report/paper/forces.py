@@ -1,11 +1,13 @@
 """Forces for print: measured against modelled over one revolution, and the mean force against the feed."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from millcal.data import AXES, Coefficients, CutForce
+from millcal.report.axes import axes_measured, comparable, mean_is_known
 from millcal.report.charts import span_of
 from millcal.report.digits import fixed
 from millcal.report.force_figures import conditioned_cuts, series_of_feed
@@ -22,6 +24,8 @@ def revolutions(fit: Coefficients, cuts: Sequence[CutForce]) -> dict[str, Any]:
     An axis has one scale over all cuts, so that figures compare.
     """
     numbers = range(len(fit.cuts))
+    measured, modelled = comparable(fit)
+    fit = replace(fit, measured=measured, modelled=modelled)
     scatter = np.full(fit.measured.shape, np.nan)  # where the conditioned cut is at hand
     for number, cut in conditioned_cuts(fit, cuts).items():
         for row in range(3):
@@ -34,7 +38,9 @@ def revolutions(fit: Coefficients, cuts: Sequence[CutForce]) -> dict[str, Any]:
 
 def _grid(fit: Coefficients, scatter: np.ndarray, numbers: Sequence[int]) -> Any:
     """A row of panels for each cut.   scatter : (cut, axis, angle) N, standard deviation over the revolutions"""
-    figure, panels = sheet.sheet(sheet.DOUBLE, 31.0 * len(numbers) + 22, len(numbers), 3)
+    axes = axes_measured(fit)
+    heard = "from accelerations, without mean" if not mean_is_known(fit) else ""
+    figure, panels = sheet.sheet(sheet.DOUBLE, 31.0 * len(numbers) + 22, len(numbers), len(axes))
     degrees = np.degrees(fit.angle)
     entries: dict[str, Any] = {}
     low, high = fit.measured - 2 * scatter, fit.measured + 2 * scatter
@@ -42,12 +48,12 @@ def _grid(fit: Coefficients, scatter: np.ndarray, numbers: Sequence[int]) -> Any
     ranges = [span_of(*(values[:, row] for values in drawn), include=(0.0,)) for row in range(3)]
     titles = _titles(fit)
     for place, number in enumerate(numbers):
-        for row, axis in enumerate(AXES):
-            panel = panels[place, row]
+        for column, row in enumerate(axes):
+            panel, axis = panels[place, column], AXES[row]
             if np.isfinite(scatter[number, row]).all():
                 band = panel.fill_between(degrees, low[number, row], high[number, row], color=sheet.BAND)
                 entries["±2 sd of the revolutions"] = band
-            (entries["measured"],) = panel.plot(degrees, fit.measured[number, row], color=sheet.MAIN)
+            (entries[heard or "measured"],) = panel.plot(degrees, fit.measured[number, row], color=sheet.MAIN)
             dashes = {"color": sheet.MODEL, "linestyle": (0, (3, 2)), "linewidth": 1.2}
             (entries["modelled"],) = panel.plot(degrees, fit.modelled[number, row], **dashes)
             sheet.scale(panel, "x", (0.0, 360.0), label="spindle angle (deg)", ticks=_TURN)
@@ -57,7 +63,7 @@ def _grid(fit: Coefficients, scatter: np.ndarray, numbers: Sequence[int]) -> Any
         title = titles[number]
         panels[place, 0].set_title(f"({sheet.letter(place)}) {title}" if len(numbers) > 1 else title, loc="left")
     figure.align_ylabels()
-    order = [name for name in ("measured", "modelled", "±2 sd of the revolutions") if name in entries]
+    order = [name for name in (heard, "measured", "modelled", "±2 sd of the revolutions") if name in entries]
     sheet.legend(figure, [(entries[name], name) for name in order], columns=3)
     return figure
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from histories import two_cuts, unknown, wide, worn
 from modal_fits import cut_off, single, six_by_three
+from reconstructed_forces import MAKERS, coefficients_of
 
 from millcal.data import Posterior, StabilityMap
 from millcal.report.paper import figures_of, sheet
@@ -105,6 +106,8 @@ def hard_results(coefficients, frf, stability) -> dict[str, dict]:
         "bands of a prior": {"coefficients": wide()},
         "nothing but values": {"coefficients": unknown()},
         "no other model": {"coefficients": replace(coefficients, alternatives=())},
+        "coefficients of accelerations": {"coefficients": coefficients_of(MAKERS["a slot"]())},
+        **{f"accelerations, {name}": {"forces": maker()} for name, maker in MAKERS.items()},
     }
 
 
