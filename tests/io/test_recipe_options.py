@@ -6,9 +6,17 @@ from typing import Literal, get_args, get_origin
 
 import pytest
 
-from millcal.io.recipe_tables import CoefficientsTable, ConditioningTable, FrfTable, ModesTable, StabilityTable
+from millcal.io.recipe_tables import (
+    CoefficientsTable,
+    ConditioningTable,
+    ForcesTable,
+    FrfTable,
+    ModesTable,
+    StabilityTable,
+)
 from millcal.stages.coefficients.choice import identify_coefficients
 from millcal.stages.conditioning import condition_cut
+from millcal.stages.forces import reconstruct_forces
 from millcal.stages.frf import estimate_frf
 from millcal.stages.modes import fit_modes
 from millcal.stages.stability import map_stability
@@ -18,6 +26,7 @@ STAGES = {
     "conditioning": (ConditioningTable, condition_cut, {"steady", "air", "progress"}),
     "frf": (FrfTable, estimate_frf, {"progress"}),
     "modes": (ModesTable, fit_modes, {"progress"}),
+    "forces": (ForcesTable, reconstruct_forces, {"modes", "progress"}),
     "coefficients": (CoefficientsTable, identify_coefficients, {"sensor", "smoothing", "rng", "progress"}),
     "stability": (StabilityTable, map_stability, {"teeth", "diameter", "pitch", "rng", "progress"}),
 }
@@ -63,6 +72,7 @@ def test_every_record_field_is_declared_so_that_it_can_be_stored():
     """Nothing but arrays with metadata, plain values, nested dataclasses and tuples of them stands in a record."""
     from millcal import data
 
-    for name in ("CutForce", "Frf", "Modes", "ModalFit", "Posterior", "Coefficients", "StabilityMap"):
+    names = ("CutForce", "CutVibration", "Frf", "Modes", "ModalFit", "Posterior", "Coefficients", "StabilityMap")
+    for name in (*names, "ForceHarmonics", "SpeedAdvice"):
         for field in fields(getattr(data, name)):
             assert "dims" in field.metadata or "ndarray" not in str(field.type), (name, field.name)
