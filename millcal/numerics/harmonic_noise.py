@@ -56,45 +56,66 @@ def harmonic_noise(
         reach = float(nearest[count - 1])
         wide = cross[distance <= reach]
         found, behind = wide.mean(axis=0), len(wide) * worth
+        if count > at_half:
+            found = found * _level(found, cross[distance <= max(0.5 * spacing, nearest[0])].mean(axis=0))
+        nearer = []
         while True:
             reach /= 2
             near = cross[distance <= reach]
             if len(near) * worth < FEWEST:
                 break
-            found = _at_least(found, behind, near.mean(axis=0), len(near) * worth, harmonics[:, k])
+            nearer.append((near.mean(axis=0), len(near) * worth))
+        if nearer:
+            found = _at_least(found, behind, nearer, harmonics[:, k])
         covariance[k], draws[k] = found * (4 / length), behind
     covariance[1:] += _leaked(spectra, np.flatnonzero(apart), cycle, K, length)
     return HarmonicNoise(covariance, draws)
 
 
-def _at_least(
-    wide: np.ndarray, wide_draws: float, near: np.ndarray, near_draws: float, along: np.ndarray
-) -> np.ndarray:
-    """The covariance `wide`, with more of what `near` holds surely more of.
+def _level(pooled: np.ndarray, own: np.ndarray) -> float:
+    """How much stronger the harmonic's own lines are, all channels together: that takes few lines."""
+    size = np.sqrt(np.maximum(np.diag(pooled).real, 0.0))
+    if not np.all(size > 0):
+        return 1.0
+    scale = np.multiply.outer(size, size)
+    return float(np.trace(np.linalg.solve(pooled / scale + 1e-9 * np.eye(len(size)), own / scale)).real) / len(size)
 
-    First along the harmonic, because that is how changes of its size and phase look; then in any direction, where more
-    than the edge of what the ratio of two sample covariances reaches by chance is sure.
+
+def _at_least(
+    wide: np.ndarray, wide_draws: float, nearer: list[tuple[np.ndarray, float]], along: np.ndarray
+) -> np.ndarray:
+    """The covariance `wide`, with more of what nearer lines surely hold more of.
+
+    First along the harmonic, because that is how changes of its size and phase look: as much as the nearest lines hold of
+    those that surely hold more. Then in any direction, where more than the edge of what the ratio of two sample covariances
+    reaches by chance is sure.
+
+    nearer : covariance and draws, of ever nearer lines   along : (channel,)
     """
+    channels = len(wide)
     size = np.sqrt(np.maximum(np.diag(wide).real, 0.0))
     if not np.all(size > 0):
         return wide
     scale = np.multiply.outer(size, size)
-    base, other, along = wide / scale + 1e-9 * np.eye(len(size)), near / scale, along / size
+    base, along = wide / scale + 1e-9 * np.eye(channels), along / size
     if np.any(along):
         pointer = np.linalg.solve(base, along)  # unbiased, least variance, for a change along it
         pointer /= np.vdot(along, pointer)
-        before, now = (np.vdot(pointer, spectrum @ pointer).real for spectrum in (base, other))
-        if now > before * (1 + ALONE / np.sqrt(near_draws)):
-            base = base + (now - before) * np.outer(along, along.conj())
-    factor = np.linalg.cholesky(base)
-    inside = np.linalg.solve(factor, np.linalg.solve(factor, other).conj().T)
-    values, vectors = np.linalg.eigh((inside + inside.conj().T) / 2)
-    channels = len(size)
-    edge = (1 + np.sqrt(channels / near_draws)) / max(1 - np.sqrt(channels / wide_draws), 0.2)
-    more = values > ANYHOW * edge**2
-    if more.any():
-        root = factor @ vectors * np.sqrt(np.where(more, values, 1.0))
-        base = root @ root.conj().T
+        before = np.vdot(pointer, base @ pointer).real
+        more = 0.0
+        for near, draws in nearer:
+            now = np.vdot(pointer, near / scale @ pointer).real
+            more = now - before if now > before * (1 + ALONE / np.sqrt(draws)) else more
+        base = base + more * np.outer(along, along.conj())
+    for near, draws in nearer:
+        factor = np.linalg.cholesky(base)
+        inside = np.linalg.solve(factor, np.linalg.solve(factor, near / scale).conj().T)
+        values, vectors = np.linalg.eigh((inside + inside.conj().T) / 2)
+        edge = (1 + np.sqrt(channels / draws)) / max(1 - np.sqrt(channels / wide_draws), 0.2)
+        over = values > ANYHOW * edge**2
+        if over.any():
+            root = factor @ vectors * np.sqrt(np.where(over, values, 1.0))
+            base = root @ root.conj().T
     return base * scale
 
 

@@ -9,6 +9,8 @@ from millcal.data import Level, Recording
 from millcal.stages.conditioning import spindle, spindle_angle
 from millcal.stages.conditioning.forces import Note, Samples
 
+Source = Literal["speed", "pulse", "encoder", "stated"]
+
 BLOCK = 1 << 18  # samples of an encoder to hold at once
 AHEAD = 0.1  # rad over the cut, by which an encoder may disagree with the harmonics' speed
 
@@ -17,8 +19,8 @@ class Reference(NamedTuple):
     """The angle of uniform motion at the first sample of the cut."""
 
     phase: float  # rad
-    source: Literal["speed", "pulse", "encoder", "stated"]
-    sd: float  # rad, of the angle in the middle of the cut, as the speed errs it; 0 where it is measured there
+    source: Source
+    sd: float  # rad, of the angle in the middle of the cut: of the speed on the way there, or of a pulse between samples
 
 
 def angle_reference(
@@ -31,17 +33,28 @@ def angle_reference(
     """
     start, stop = cut
     cycle, cycle_sd = found
-    phase, source, sd = encoder_phase(recording, start, stop, cycle, note), "encoder", 0.0
+    phase: float | None = encoder_phase(recording, start, stop, cycle, note)
+    source: Source = "encoder"
+    sd = 0.0
     if phase is None:
         rate = recording.sample_rate
         phase, usable = spindle.pulse_phase(recording, start, stop, cycle * rate, cycle_sd * rate, note)
-        source = "pulse"
+        source, sd = "pulse", _between_samples(cycle, stop - start)
         if not usable:
-            phase, source = 2 * np.pi * (start * cycle % 1.0), "speed"
-            sd = 2 * np.pi * cycle_sd * (start + stop) / 2
+            phase, source, sd = 2 * np.pi * (start * cycle % 1.0), "speed", np.pi * cycle_sd * (start + stop)
     if spindle_phase is None:
-        return Reference(phase, source, sd)  # type: ignore[arg-type]
+        return Reference(phase, source, sd)
     return Reference(phase + spindle_phase, "stated", sd)
+
+
+def _between_samples(cycle: float, length: int) -> float:
+    """Standard deviation of the mean angle of edges that are seen a part of a sample late, rad.
+
+    The parts differ from revolution to revolution and cancel, but not where a revolution is a whole number of samples.
+    """
+    turns = np.arange(max(int(length * cycle), 1)) / cycle
+    late = np.mean(np.add.outer(np.arange(32) / 32, turns) % 1.0, axis=1)
+    return 2 * np.pi * cycle * float(late.std())
 
 
 def encoder_phase(recording: Recording, start: int, stop: int, cycle: float, note: Note) -> float | None:
