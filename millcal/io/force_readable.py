@@ -80,15 +80,18 @@ def _what_it_rests_on(forces: ForceHarmonics, s: Mapping[str, Any]) -> list[str]
 
 
 def _phase(s: Mapping[str, Any]) -> str:
-    found = list(
-        dict.fromkeys(zip(s["phase_deg"], map(interval, s["phase_deg_ci95"]), strict=True))
-    )  # cuts may share one
-    if len(found) > MOST_PHASES:
-        ends = interval([min(s["phase_deg"]), max(s["phase_deg"])])
-        shown = [f"{ends} in {len(s['phase_deg'])} cuts"]
-    else:
-        shown = [cell(value) + (f" ({bounds})" if bounds != "-" else "") for value, bounds in found]
+    found = [
+        "-" if value is None else _degrees(value) + (f" ({' to '.join(map(_degrees, bounds))})" if bounds else "")
+        for value, bounds in zip(s["phase_deg"], s["phase_deg_ci95"], strict=True)
+    ]
+    shown = list(dict.fromkeys(found))  # cuts may share one
+    if len(shown) > MOST_PHASES:
+        shown = [*shown[:MOST_PHASES], f"... of {len(found)} cuts"]
     return f"tooth 0 at the angle counted from, degrees, {s['phase_from']}: {', '.join(shown)}"
+
+
+def _degrees(value: float) -> str:
+    return f"{value:.2f}"
 
 
 def _recommended(s: Mapping[str, Any]) -> list[str]:
