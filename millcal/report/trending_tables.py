@@ -62,7 +62,7 @@ def _forces(summary: Mapping[str, Any]) -> str:
         rows.append(cells)
     distance = summary["rms_log_ratio_to_paper"]
     apart = ", ".join(f"{case} {100 * distance[case]['one_draw']:.0f} %" for case in cases)
-    return f"{_aligned(rows)}\nfrom the paper's, rms over its settings: {apart}"
+    return f"{aligned(rows)}\nfrom the paper's, rms over its settings: {apart}"
 
 
 def _scatter(found: Mapping[str, Any]) -> str:
@@ -81,7 +81,7 @@ def _coefficients(summary: Mapping[str, Any]) -> str:
                 found = row["cases"][case]
                 cells += [fixed(found["kt_rms_N_per_mm2"], 0), fixed(found["mt_rms"], 3)]
             rows.append(cells)
-    return _aligned(rows) + "\nkt in N/mm²; the smoother knows the whole record, all others only what was before"
+    return aligned(rows) + "\nkt in N/mm²; the smoother knows the whole record, all others only what was before"
 
 
 def _ratios(summary: Mapping[str, Any]) -> str:
@@ -91,11 +91,11 @@ def _ratios(summary: Mapping[str, Any]) -> str:
         held = f"{sign} in {ratio['holds']} of {ratio['draws']}" + ("" if ratio["said_by"] == "paper" else " *")
         numbers = [fixed(ratio[key], 2) for key in ("paper", "mean", "least", "most")]
         rows.append([f"{ratio['method']} / {ratio['other']}", ratio["case"], *numbers, held])
-    return _aligned(rows, words=2) + "\npaired: both on the same noise; * not said by the paper"
+    return aligned(rows, words=2) + "\npaired: both on the same noise; * not said by the paper"
 
 
-def _aligned(rows: Sequence[Sequence[str]], words: int = 1) -> str:
-    """Columns of equal width; the first ones, of words, to the left and the rest to the right."""
+def aligned(rows: Sequence[Sequence[str]], words: int = 1, gap: int = 2) -> str:
+    """Columns of equal width; the first ones, of words, to the left and the rest to the right.   gap : between them"""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = []
     for row in rows:
@@ -103,7 +103,7 @@ def _aligned(rows: Sequence[Sequence[str]], words: int = 1) -> str:
             cell.ljust(width) if number < words else cell.rjust(width)
             for number, (cell, width) in enumerate(zip(row, widths, strict=True))
         ]
-        lines.append("  ".join(cells).rstrip())
+        lines.append((" " * gap).join(cells).rstrip())
     return "\n".join(lines)
 
 

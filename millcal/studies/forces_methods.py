@@ -6,7 +6,7 @@ known of it, besides: GTLS, from plain H1, from windowed H1 and from fitted mode
 
 What had to be settled to compute anything
     eq. 13      a = G F holds in N and m/s^2: with kN the 1 of the denominator means something else
-    eq. 14      lambda between the smallest and the largest singular value, as the tools that the paper cites search it; "wide" is beside
+    eq. 14      lambda between the smallest and the largest singular value, as tools of that time search it; "wide" is beside it
     eq. 15, 16  = delta^2 with delta = 0 has no gradient: unknowns are eliminated
     eq. 19      x and y are exchanged, and both harmonics too large by factors of their own
     eq. 20, 21  the row of Fourier coefficients with exp(-j w t) is [1 j 0 -5/3 -5j/3 0]; the printed one is kept beside it
@@ -19,7 +19,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from millcal.numerics.errors_in_variables import Fit, MatrixError, Model, fit_errors_in_variables
+from millcal.numerics.errors_in_variables import (
+    Fit,
+    MatrixError,
+    Model,
+    fit_errors_in_variables,
+    parts,
+    residual_covariance,
+)
 from millcal.numerics.linear_inverse import (
     as_complex_vector,
     as_real,
@@ -51,6 +58,7 @@ LS_ALL, TLS_ALL = "LS all rows", "TLS all rows"
 GTLS, GTLS_MORE, GTLS_WINDOWED, GTLS_MODAL = "GTLS", "GTLS 4 harmonics", "GTLS windowed", "GTLS modal"
 
 HARMONICS, MORE_HARMONICS = 2, 4  # of the tooth passing
+WEIGHTINGS = 3  # before the fit begins
 
 Solver = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -134,7 +142,7 @@ def weighted(frf: Estimate, record: CutRecord, passing: int, harmonics: int) -> 
     def model(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return law.basis @ theta, law.basis
 
-    return _told(law, _fit(matrix, record, error, model, _start(law, matrix, record)))
+    return _told(law, _fit(matrix, record, error, model, _start(law, (matrix, error), record)))
 
 
 def with_angle(frf: Estimate, record: CutRecord, passing: int) -> tuple[Told, float, float]:
@@ -152,16 +160,24 @@ def with_angle(frf: Estimate, record: CutRecord, passing: int) -> tuple[Told, fl
         force = basis @ theta[:-1]
         return force, np.concatenate([basis, (turn[:, np.newaxis] * force)[:, :, np.newaxis]], axis=2)
 
-    fit = _fit(matrix, record, error, model, np.append(_start(law, matrix, record), 0.0))
+    fit = _fit(matrix, record, error, model, np.append(_start(law, (matrix, error), record), 0.0))
     return _told(law, fit), float(fit.theta[-1]), float(np.sqrt(fit.covariance[-1, -1]))
 
 
-def _start(law: ForceLaw, matrix: np.ndarray, record: CutRecord) -> np.ndarray:
-    """Least squares of the coefficients, which is that of the force under all rows."""
-    slopes = as_real_vector((matrix @ law.basis).reshape(-1, len(law.names)))
+def _start(law: ForceLaw, frf: tuple[np.ndarray, MatrixError], record: CutRecord) -> np.ndarray:
+    """Least squares of the coefficients, weighted with the covariance of the residual at the last estimate.
+
+    Plain least squares may lie beyond the watershed: with much noise the descent then ends in another minimum, or nowhere.
+    """
+    matrix, error = frf
+    n = len(matrix)
+    slopes, measured = parts(matrix @ law.basis), parts(record.values[:n])
     scale = np.linalg.norm(slopes, axis=0)
-    measured = as_real_vector(record.values[: len(matrix)].ravel())
-    return least_squares(slopes / scale, measured) / scale
+    theta = least_squares(slopes / scale, measured) / scale
+    for _ in range(WEIGHTINGS):
+        root = np.linalg.cholesky(residual_covariance(record.noise[:n], error, law.basis @ theta))
+        theta = least_squares(np.linalg.solve(root, slopes / scale), np.linalg.solve(root, measured)) / scale
+    return theta
 
 
 def _fit(matrix: np.ndarray, record: CutRecord, error: MatrixError, model: Model, start: np.ndarray) -> Fit:

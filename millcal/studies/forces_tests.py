@@ -21,7 +21,7 @@ HITS = 9  # in each direction
 PEAK, SPREAD, DURATION = 3400.0, 0.1, 3e-3  # N, relative standard deviation, s
 ONSET = 4 / SAMPLE_RATE  # s
 
-FORCE_WINDOW, RESPONSE_WINDOW, FALL = 6e-3, 0.15, 0.15  # s, s, share of the response window that is its cosine end
+FORCE_WINDOW, RESPONSE_WINDOW, FALL = 6e-3, 0.15, 0.2  # s, s, share of the response window that is its cosine end
 POOLED = 20  # lines to either side whose residuals are pooled
 LINES = 480  # lines that are kept
 

@@ -4,9 +4,8 @@ import json
 
 import pytest
 
-import millcal.cli.study
+import millcal.cli.studies.trending_coefficients as layout
 from millcal.cli import main
-from millcal.cli.study import FILES
 from millcal.report.paper import sheet
 from millcal.studies import trending_coefficients
 
@@ -30,7 +29,7 @@ def test_a_study_leaves_tables_and_figures_and_says_the_same_twice(shell, tmp_pa
     first, second = tmp_path / "first", tmp_path / "second"
     code, out, err = shell("study", "trending-coefficients", "--quick", "--out", first, "--seed", 5)
     assert (code, err) == (0, "")
-    assert {path.name for path in first.iterdir()} == set(FILES)
+    assert {path.name for path in first.iterdir()} == set(layout.FILES)
     assert "EnKF* 50, 10" in out
     assert (first / "table.txt").read_text() in out
     assert out.splitlines()[-1].startswith(str(first))
@@ -44,14 +43,14 @@ def test_a_study_leaves_tables_and_figures_and_says_the_same_twice(shell, tmp_pa
     kept = json.loads((second / "summary.json").read_text())
     assert kept.pop("provenance")["seed"] == 5
     assert kept.items() <= said["result"].items()
-    for file in FILES:
+    for file in layout.FILES:
         assert (first / file).read_bytes() == (second / file).read_bytes(), file
 
 
 def test_an_old_study_is_replaced_and_what_is_foreign_is_not(shell, tmp_path, monkeypatch):
     found = trending_coefficients.run(trending_coefficients.Extent(1, 1, 1))
     monkeypatch.setattr(trending_coefficients, "run", lambda *_, **__: found)
-    monkeypatch.setattr(millcal.cli.study, "_figures", lambda found: {})
+    monkeypatch.setattr(layout, "figures", lambda found: {})
     out = tmp_path / "study"
     out.mkdir()
     (out / "table.csv").write_text("old")
