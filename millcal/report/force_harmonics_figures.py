@@ -176,17 +176,6 @@ def harmonics(forces: ForceHarmonics) -> Figure:
     for row, axis in enumerate(forces.axes):
         size, sd = amplitude[:, row], deviation[:, row]
         items: list[Item] = [Marks(at, sd, "expected", "dash", size=5)]
-        if forces.free_force is not None:
-            free, spread = np.abs(forces.free_force[:, row]), _free_sd(forces)[:, row]
-            lowest = np.maximum(free - NORMAL * spread, 1e-6 * np.maximum(free, 1e-300))
-            items += [
-                Whiskers(at, lowest, free + NORMAL * spread, "modelled"),
-                Marks(at, free, "modelled", "diamond", size=4.2),
-            ]
-            columns += [
-                Column(f"F{axis} without the law", "N", free),
-                Column(f"F{axis} without the law sd", "N", spread),
-            ]
         items += [Marks(at[rows], size[rows], kind, shape) for rows, kind, shape, _ in groups]
         panels.append(Panel(f"amplitude of F{axis}, N", items, 112, _shown(size, sd), log=True, most_ticks=4))
         columns += [Column(f"F{axis}", "N", size), Column(f"F{axis} sd", "N", sd)]
@@ -206,23 +195,52 @@ def harmonics(forces: ForceHarmonics) -> Figure:
     key = [(f"marks {shape} {kind}", words) for _, kind, shape, words in groups]
     if there(deviation):
         key.append(("line expected", "standard deviation of the amplitude"))
-    if forces.free_force is not None:
-        key.append(("marks diamond modelled", "each harmonic by itself, the law not asked, with 95 %"))
-    free = " Where the marks leave the intervals of each harmonic by itself, the law does not hold."
-    free = free if forces.free_force is not None else ""
     below = " A mark below its stroke is a force that is not told from zero." if there(deviation) else ""
     caption = (
-        f"Peak amplitudes.{below}{free} A high condition number makes noise into force: another spindle speed moves the harmonic "
+        f"Peak amplitudes.{below} A high condition number makes noise into force: another spindle speed moves the harmonic "
         "to where the FRF tells the directions apart."
     )
     return Figure("force-harmonics", "Harmonics of the force", caption, (svg,), columns, key)
 
 
-def _free_sd(forces: ForceHarmonics) -> np.ndarray:
-    """Standard deviation of an amplitude without the law: of the part along it, half of the variance.   (line, axis) N"""
-    if forces.free_sd is None:
+def misses(forces: ForceHarmonics) -> np.ndarray:
+    """|force less that of each line by itself| over the standard deviation of the latter.   returns (line, axis)"""
+    if forces.free_force is None or forces.free_sd is None:
         return np.full(forces.force.shape, np.nan)
-    return forces.free_sd / np.sqrt(2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.abs(forces.force - forces.free_force) / forces.free_sd
+
+
+def law_distance(forces: ForceHarmonics) -> Figure | None:
+    """How far the force of every line is from what that line tells by itself; None where the record does not hold that."""
+    missed = misses(forces)
+    if not there(missed):
+        return None
+    at, ends = forces.frequency, np.array(_frequencies(forces))
+    looks = [(f"shade{row}", SHAPES[row], axis) for row, axis in enumerate(forces.axes)]
+    items: list[Item] = [Band(ends, np.zeros(2), np.full(2, OUTSIDE), "left")]
+    items += [Marks(at, missed[:, row], kind, shape, size=3) for row, (kind, shape, _) in enumerate(looks)]
+    high = 1.1 * max(float(np.nanmax(missed)), 1.5 * OUTSIDE)
+    svg = chart(
+        [Panel("distance, standard deviations", items, 110, (0.0, high), most_ticks=4)],
+        x_label="frequency, Hz",
+        x_range=_frequencies(forces),
+        label=f"Distance of the force at {len(at)} harmonics from that of each harmonic by itself, at most "
+        f"{float(np.nanmax(missed)):.2g} standard deviations",
+    )
+    columns = [
+        Column("frequency", "Hz", at),
+        Column("harmonic of the spindle", "", forces.order.astype(float)),
+        Column("cut", "", _names_of_lines(forces)),
+        *(Column(f"F{axis} distance", "sd", missed[:, row]) for row, axis in enumerate(forces.axes)),
+    ]
+    key = [(f"marks {shape} {kind}", f"F{axis}") for kind, shape, axis in looks]
+    key.append(("span left", "19 of 20 marks, if the law holds"))
+    caption = (
+        "How far this force is from that of each harmonic by itself, for which the law was not asked. Marks that stand out "
+        "at one frequency blame the FRF there; marks that stand out at all of them blame law, cutter or conditions."
+    )
+    return Figure("law-distance", "Does the law hold?", caption, (svg,), columns, key)
 
 
 def _shown(size: np.ndarray, sd: np.ndarray) -> tuple[float, float]:
@@ -324,7 +342,7 @@ def methods(forces: ForceHarmonics) -> Figure | None:
             Column(f"{known.name} sd", known.unit, forces.compared_sd[:, i] / known.factor),
         ]
         kept = near(value, float(half[best]), float(value[best])) if best >= 0 else np.isfinite(value)
-        x_range = reach_of(value, half, kept)
+        x_range = reach_of(value, half, kept, best)
         inside = kept & np.isfinite(value)
         items: list[Item] = []
         if best >= 0 and np.isfinite(half[best]):
@@ -356,12 +374,18 @@ def methods(forces: ForceHarmonics) -> Figure | None:
         key.append(("span agree-span", "95 % interval of the recommended one"))
         why = forces.recommended_why.strip().rstrip(".")
         caption = (f"Recommended: {forces.recommended}, because {why}. " if why else "") + caption
+        if forces.method != forces.recommended:
+            caption += f" The coefficients of this report are those of {forces.method}."
     return Figure("methods", "Every method on the same lines", caption, drawings, columns, key, layout="thirds")
 
 
-def reach_of(value: np.ndarray, half: np.ndarray, kept: np.ndarray) -> tuple[float, float]:
-    """A scale for those values and their intervals, none drawn longer than four times the shortest."""
+def reach_of(value: np.ndarray, half: np.ndarray, kept: np.ndarray, best: int) -> tuple[float, float]:
+    """A scale for those values, the interval of the best among them, and the others' up to four times that.
+
+    best : row, -1 for none: then four times the shortest
+    """
     known = half[np.isfinite(half) & kept]
-    short = np.minimum(np.nan_to_num(half), FAR * float(known.min())) if len(known) else np.zeros_like(half)
+    usual = float(half[best]) if best >= 0 and np.isfinite(half[best]) else float(known.min()) if len(known) else 0.0
+    short = np.minimum(np.nan_to_num(half), FAR * usual)
     shown = np.where(kept, value, np.nan)
     return span_of(shown, shown - short, shown + short)

@@ -9,7 +9,14 @@ from millcal.report import force_harmonics_tables as tables
 from millcal.report.digits import fixed, nominal, plus_minus, significant
 from millcal.report.wording import QUESTIONS, fit_level, law_in_words
 
-PLACES = {"reconstruction", "force-harmonics", "accelerations", "methods", "law"}  # ids of these sections and figures
+PLACES = {
+    "reconstruction",
+    "force-harmonics",
+    "law-distance",
+    "accelerations",
+    "methods",
+    "law",
+}  # ids of these sections and figures
 
 
 def sections(forces: ForceHarmonics | None) -> list[dict | None]:
@@ -29,6 +36,8 @@ def _reconstruction(forces: ForceHarmonics) -> dict | None:
     if forces.dynamometer is None:
         caption += " No dynamometer was there to compare."
     hidden = {asked.place for asked in QUESTIONS.values()} - PLACES - {"coefficients"}
+    distance = figures.law_distance(forces)
+    hidden |= set() if distance else {"law-distance"}
     failed = [check for check in forces.checks if not check.passed]
     return blocks.section(
         "reconstruction",
@@ -37,6 +46,7 @@ def _reconstruction(forces: ForceHarmonics) -> dict | None:
         blocks.reasons(failed, fit_level(forces), hidden),
         blocks.figures(drawn, "Force over one revolution", caption, "stack", figures.courses_key(forces)),
         blocks.figure(figures.harmonics(forces)),
+        blocks.figure(distance),
         blocks.table(tables.harmonics(forces)),
     )
 

@@ -42,8 +42,7 @@ def harmonics(forces: ForceHarmonics) -> Table:
         rows.append(
             [
                 *named,
-                nominal(float(forces.order[k])),
-                tooth_passing(forces, float(forces.order[k])),
+                _named(forces, float(forces.order[k])),
                 fixed(float(forces.frequency[k]), 1),
                 *cells,
                 fixed(float(forces.condition[k]), 1),
@@ -52,16 +51,16 @@ def harmonics(forces: ForceHarmonics) -> Table:
     per_axis = ["peak, N", "sd, N", "phase, °"] * len(forces.axes)
     first = ["cut"] if several else []
     note = (
-        "Harmonics of the spindle, and which of the tooth passing. Force on the tool, amplitude of the cosine; its phase "
+        "Harmonics of the spindle, in brackets which of the tooth passing. Force on the tool, amplitude of the cosine; its phase "
         "counts from tooth 0 at the bottom and stands where the amplitude exceeds two standard deviations."
     )
     if len(rows) < len(forces.cut):
         note = f"The lowest {len(rows)} of {len(forces.cut)}. {note}"
     return Table(
         "The harmonics in numbers",
-        [*first, "harmonic", "of teeth", "Hz", *per_axis, "condition"],
+        [*first, "harmonic", "Hz", *per_axis, "condition"],
         rows,
-        groups=(("", 3 + several), *((f"F{axis}", 3) for axis in forces.axes), ("", 1)),
+        groups=(("", 2 + several), *((f"F{axis}", 3) for axis in forces.axes), ("", 1)),
         words=(0,) if several else (),
         note=note,
     )
@@ -73,10 +72,11 @@ def _phase(force: complex) -> str:
     return fixed(180.0 if angle == -180 else angle, 0)
 
 
-def tooth_passing(forces: ForceHarmonics, order: float) -> str:
-    """Which harmonic of the tooth passing a harmonic of the spindle is, or a dash."""
+def _named(forces: ForceHarmonics, order: float) -> str:
+    """A harmonic of the spindle, and which of the tooth passing it is: 4 (2)."""
     number = order / forces.cutter.teeth
-    return str(round(number)) if abs(number - round(number)) < 1e-9 else UNKNOWN
+    whole = abs(number - round(number)) < 1e-9
+    return f"{nominal(order)} ({round(number)})" if whole else nominal(order)
 
 
 def coefficients(forces: ForceHarmonics) -> Table:
@@ -112,6 +112,8 @@ def sensors(forces: ForceHarmonics) -> Table | None:
     if not there(forces.sensor_residual) and not there(forces.sensor_share):
         return None
     left, even = normalised(forces), 1 / len(forces.sensors)
+    known_ones = forces.sensor_residual[np.isfinite(forces.sensor_residual)]
+    usual = float(np.median(known_ones)) if len(known_ones) else np.nan
     rows = []
     for row, sensor in enumerate(forces.sensors):
         share, residual = float(forces.sensor_share[row]), float(forces.sensor_residual[row])
@@ -126,7 +128,7 @@ def sensors(forces: ForceHarmonics) -> Table | None:
                 f"{fixed(float(left[worst, row]), 1)} at {fixed(float(forces.frequency[worst]), 0)} Hz"
                 if known.size
                 else UNKNOWN,
-                sensor_in_words(residual, share / even, 2 * len(forces.cut)),
+                sensor_in_words(residual, share / even, 2 * len(forces.cut), usual),
             ]
         )
     headings = ("sensor", "share, %", "cut noise, %", "difference / expected", "largest", "")
@@ -146,11 +148,17 @@ def _noise_share(forces: ForceHarmonics, row: int) -> str:
     return fixed(100 * float(np.sum(forces.noise[:, row] ** 2)) / whole, 0) if whole > 0 else UNKNOWN
 
 
-def sensor_in_words(residual: float, share: float, dof: int) -> str:
-    """A word about a sensor.   residual : mean square over the expected one   share : times an even one"""
+def sensor_in_words(residual: float, share: float, dof: int, usual: float) -> str:
+    """A word about a sensor.
+
+    residual : mean square over the expected one   share : times an even one   dof : real numbers behind the residual
+    usual : the residual that half of the sensors exceed; where all are off, it is none of them
+    """
     if not isfinite(residual):
         return "not tested" if not share < USELESS else "tells nothing"
     if residual > (1 + NORMAL * 2**0.5 * dof**-0.5) ** 2 + 0.25:
+        if not residual > 2 * usual:
+            return "! off, as others are: see FRF and law"
         off = "far off" if residual > 4 else "off"
         return f"✕ {off}: check its place, direction and sensitivity"
     return "✓ fits, but tells hardly anything" if share < USELESS else "✓ fits"

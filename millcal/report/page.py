@@ -111,7 +111,7 @@ def render(results: Mapping[str, Any], summary: Mapping[str, Any], provenance: M
         _dynamometer(sensor),
         *force_harmonics_section.sections(forces),
         _force(fit, cuts, forces),
-        _coefficients(fit),
+        _coefficients(fit, compared=forces is not None),
         *history_section.sections(history),
         *force_harmonics_section.coefficients(forces, elsewhere=found is not None),
         _stability(map_, judged),
@@ -285,7 +285,8 @@ _METHODS = {
 }
 
 
-def _coefficients(fit: Coefficients | None) -> dict | None:
+def _coefficients(fit: Coefficients | None, *, compared: bool) -> dict | None:
+    """The coefficients and what stands behind them.   compared : the methods stand side by side in a section of their own"""
     if fit is None:
         return None
     law = law_in_words(fit.posterior.law)
@@ -295,11 +296,11 @@ def _coefficients(fit: Coefficients | None) -> dict | None:
         "Cutting coefficients",
         blocks.text(f"{law}, {method}, {len(fit.cuts)} cut{'s' if len(fit.cuts) > 1 else ''}."),
         blocks.table(tables.coefficients(fit.posterior, tables.untold(fit))),
-        blocks.figure(force_figures.intervals(fit)),
+        None if compared else blocks.figure(force_figures.intervals(fit)),
         blocks.checks("Checks of the fit", fit.checks),
         blocks.table(tables.agreement(fit)),
         blocks.table(tables.left_out(fit)),
-        blocks.table(tables.alternatives(fit)),
+        None if compared else blocks.table(tables.alternatives(fit)),
     )
 
 

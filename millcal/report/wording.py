@@ -329,8 +329,8 @@ QUESTIONS = {
     "law": Question(
         "The law explains the force",
         "The force is none of this law",
-        "force-harmonics",
-        "harmonics by themselves that leave those of the law",
+        "law-distance",
+        "at which harmonics the force by itself is far from that of the law",
     ),
     "sensors": Question(
         "No sensor is off",

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from reconstructed_forces import MAKERS, advice, coefficients_of, vibrations
 
-from millcal.data import AsynchronousPeak, ForceHarmonics, Notice
+from millcal.data import AsynchronousPeak, Check, ForceHarmonics, Notice
 from millcal.report import force_figures, force_harmonics_figures, force_harmonics_tables, speed_advice_figure, tables
 from millcal.report.digits import plus_minus, significant
 from millcal.report.page import render
@@ -56,6 +56,7 @@ def test_every_chart_is_a_well_formed_drawing_over_columns_of_one_length(forces)
     drawn = [
         *force_harmonics_figures.courses(forces),
         force_harmonics_figures.harmonics(forces),
+        force_harmonics_figures.law_distance(forces),
         *force_harmonics_figures.accelerations(forces),
         force_harmonics_figures.methods(forces),
         speed_advice_figure.expected_spread(forces.advice, forces.conditions),
@@ -180,17 +181,18 @@ def test_noise_alone_leaves_few_cells_shaded():
 
 
 @pytest.mark.parametrize(
-    ("residual", "share", "word"),
+    ("residual", "share", "usual", "word"),
     [
-        (1.0, 1.0, "✓ fits"),
-        (1.0, 0.02, "✓ fits, but tells hardly anything"),
-        (30.0, 1.0, "✕ far off: check its place, direction and sensitivity"),
-        (np.nan, 1.0, "not tested"),
-        (np.nan, 0.0, "tells nothing"),
+        (1.0, 1.0, 1.0, "✓ fits"),
+        (1.0, 0.02, 1.0, "✓ fits, but tells hardly anything"),
+        (30.0, 1.0, 1.0, "✕ far off: check its place, direction and sensitivity"),
+        (30.0, 1.0, 25.0, "! off, as others are: see FRF and law"),
+        (np.nan, 1.0, 1.0, "not tested"),
+        (np.nan, 0.0, np.nan, "tells nothing"),
     ],
 )
-def test_a_word_about_a_sensor(residual, share, word):
-    assert force_harmonics_tables.sensor_in_words(residual, share, 6) == word
+def test_a_word_about_a_sensor(residual, share, usual, word):
+    assert force_harmonics_tables.sensor_in_words(residual, share, 6, usual) == word
 
 
 def test_what_the_record_does_not_hold_is_not_in_the_key_and_is_said():
@@ -234,17 +236,44 @@ def test_a_method_without_a_deviation_has_no_plus_minus():
     assert all("±" in cell for cell in rows["ls"])
 
 
-def test_the_force_of_each_harmonic_by_itself_stands_beside_that_of_the_law():
+def test_the_force_of_each_harmonic_by_itself_is_near_that_of_a_law_that_holds():
     forces = MADE["a slot"]
-    columns = {column.name: column.values for column in force_harmonics_figures.harmonics(forces).columns}
-    off = np.abs(columns["Fx without the law"] - columns["Fx"])
-    assert (off < 4 * columns["Fx without the law sd"]).all()
-    assert (
-        "each harmonic by itself, the law not asked, with 95 %"
-        in dict(force_harmonics_figures.harmonics(forces).key).values()
+    missed = force_harmonics_figures.misses(forces)
+    assert (missed < 4).all()
+    assert 0.2 < np.sqrt(np.mean(missed**2)) < 1.3
+    another = replace(forces, free_force=forces.free_force + 5 * forces.free_sd * (forces.order == 4)[:, np.newaxis])
+    assert (force_harmonics_figures.misses(another)[1] > 3).all()
+    assert len(force_harmonics_figures.law_distance(forces).columns) == 3 + len(forces.axes)
+    assert force_harmonics_figures.law_distance(MADE["hardly anything"]) is None
+
+
+def test_a_law_that_does_not_hold_is_shown_where_the_reason_points():
+    forces = replace(
+        MADE["a slot"],
+        verdict="does not fit: no force of this law",
+        checks=(Check("law", False, "no force of this law: residual 9 times the expected one"),),
     )
-    bare = force_harmonics_figures.harmonics(MADE["hardly anything"])
-    assert not any("without the law" in column.name for column in bare.columns)
+    html = render({"forces": forces}, {}, {})
+    assert 'href="#law-distance"' in html
+    without = render({"forces": replace(forces, free_force=None, free_sd=None)}, {}, {})
+    assert "law-distance" not in without
+    assert "The force is none of this law" in seen(without)
+
+
+def test_a_recommendation_that_is_not_the_method_of_the_report_says_so():
+    forces = replace(MADE["a slot"], recommended="ls", recommended_why="the law does not hold here")
+    caption = force_harmonics_figures.methods(forces).caption
+    assert "Recommended: ls, because the law does not hold here." in caption
+    assert "those of gtls" in caption
+
+
+def test_methods_stand_side_by_side_in_one_place_only():
+    forces = MADE["a slot"]
+    fit = replace(coefficients_of(forces), alternatives=(("ls", (("Ktc", 1e9),)),))
+    assert "Other models" in seen(render({"coefficients": fit}, {}, {}))
+    html = seen(render({"coefficients": fit, "forces": forces}, {}, {}))
+    assert "Other models" not in html
+    assert "Every method on the same lines" in html
 
 
 def test_a_recommended_method_without_an_answer_is_not_marked():

@@ -172,7 +172,7 @@ def methods_sheet(forces: ForceHarmonics) -> Any:
         known = parameter(name)
         value, half = (v[order, i] / known.factor for v in (forces.compared, NORMAL * forces.compared_sd))
         kept = near(value, float(half[0]), float(value[0])) if first else np.isfinite(value)
-        limits = reach_of(value, half, kept)
+        limits = reach_of(value, half, kept, 0 if first else -1)
         for k in range(len(order)):
             if not np.isfinite(value[k]):
                 continue
