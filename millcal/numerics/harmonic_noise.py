@@ -88,7 +88,7 @@ def _at_least(
 
     First along the harmonic, because that is how changes of its size and phase look: as much as the nearest lines hold of
     those that surely hold more. Then in any direction, where more than the edge of what the ratio of two sample covariances
-    reaches by chance is sure.
+    reaches by chance is sure, and in all others together, as where a resonance is at the harmonic.
 
     nearer : covariance and draws, of ever nearer lines   along : (channel,)
     """
@@ -113,9 +113,11 @@ def _at_least(
         values, vectors = np.linalg.eigh((inside + inside.conj().T) / 2)
         edge = (1 + np.sqrt(channels / draws)) / max(1 - np.sqrt(channels / wide_draws), 0.2)
         over = values > ANYHOW * edge**2
-        if over.any():
-            root = factor @ vectors * np.sqrt(np.where(over, values, 1.0))
-            base = root @ root.conj().T
+        others = values[~over]
+        level = float(others.mean()) if len(others) else 1.0
+        sure = (1 + ALONE / np.sqrt(draws * max(len(others), 1))) * wide_draws / max(wide_draws - channels, 1.0)
+        root = factor @ vectors * np.sqrt(np.where(over, values, level if level > sure else 1.0))
+        base = root @ root.conj().T
     return base * scale
 
 

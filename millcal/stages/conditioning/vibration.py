@@ -25,7 +25,6 @@ from millcal.stages.conditioning.steady import Survey, steady_samples, survey_re
 ANALYSED_HARMONICS = 30  # taken out before the rest is called noise, however few are saved
 FOLLOWED = 0.05  # of the power; sensors are noisier than forces
 ASYNCHRONOUS = 0.1  # of the power of a sensor, before it is worth a word
-SEEN = 12  # harmonics by which the spindle's wander is followed
 WINDOWED = 8  # revolutions, from which lines between the harmonics stand clear of them under a window
 LONGEST = 1 << 20  # samples of all sensors in one stretch
 
@@ -104,7 +103,7 @@ def condition_vibration(
     lines, apart = lines_standing_out(between, cycle)
     noise = harmonic_noise(between, cycle, fitted[:, : saved + 1], end - start, apart)
     _note_few(noise.draws[1:], len(sensors.rows), note)
-    seen = min(SEEN, analysed)
+    seen = min(max(6, 2 * recording.cutter.teeth), analysed)  # higher ones lose sight of a spindle that wanders far
     findings.note_wander(spindle.each_revolution(read, start, end, cycle, fitted[:, : seen + 1]), seen, note)
     turn = 2 * np.pi * rate / scale  # what a signal differentiated gains, by cycles per sample
     ac_rms, asynchronous_rms = _powers(between, turn, sensors.powers, cycle, fitted)
