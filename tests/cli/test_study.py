@@ -6,14 +6,17 @@ import pytest
 
 import millcal.cli.studies.trending_coefficients as layout
 from millcal.cli import main
+from millcal.cli.studies import Name, study_file
 from millcal.report.paper import sheet
-from millcal.studies import trending_coefficients
+from millcal.studies import forces_from_accelerations, trending_coefficients
 
 
 @pytest.fixture
 def shell(capsys, monkeypatch):
-    """shell("study", ...) -> (exit code, stdout, stderr); the smallest study there is"""
+    """shell("study", ...) -> (exit code, stdout, stderr); the smallest studies there are"""
     monkeypatch.setattr(trending_coefficients, "QUICK", trending_coefficients.Extent(2, 1, 1))
+    small = forces_from_accelerations.Extent((0.0, 25.0), (0.0, 1.0), 1, 1, 1, 1)
+    monkeypatch.setattr(forces_from_accelerations, "QUICK", small)
     monkeypatch.setitem(sheet._STYLE, "savefig.dpi", 60)  # faster
 
     def call(*arguments):
@@ -25,26 +28,33 @@ def shell(capsys, monkeypatch):
     return call
 
 
-def test_a_study_leaves_tables_and_figures_and_says_the_same_twice(shell, tmp_path):
-    first, second = tmp_path / "first", tmp_path / "second"
-    code, out, err = shell("study", "trending-coefficients", "--quick", "--out", first, "--seed", 5)
+@pytest.mark.parametrize("name", Name)
+def test_a_study_leaves_tables_and_figures_and_says_the_same_twice(shell, tmp_path, name):
+    first, second, files = tmp_path / "first", tmp_path / "second", study_file(name).FILES
+    code, out, err = shell("study", name, "--quick", "--out", first, "--seed", 5)
     assert (code, err) == (0, "")
-    assert {path.name for path in first.iterdir()} == set(layout.FILES)
-    assert "EnKF* 50, 10" in out
+    assert {path.name for path in first.iterdir()} == set(files)
     assert (first / "table.txt").read_text() in out
     assert out.splitlines()[-1].startswith(str(first))
 
-    code, out, _ = shell("study", "trending-coefficients", "--quick", "--out", second, "--seed", 5, "--json")
+    code, out, _ = shell("study", name, "--quick", "--out", second, "--seed", 5, "--json")
     said = json.loads(out)
     assert code == 0
     assert said["command"] == "study"
-    assert said["result"]["quick"] is True
-    assert said["result"]["table"][0]["cases"]["alternating"]["paper_N"] == 50.7
+    assert (said["result"]["study"], said["result"]["quick"]) == (name, True)
     kept = json.loads((second / "summary.json").read_text())
     assert kept.pop("provenance")["seed"] == 5
     assert kept.items() <= said["result"].items()
-    for file in layout.FILES:
+    for file in files:
         assert (first / file).read_bytes() == (second / file).read_bytes(), file
+
+
+def test_a_study_sets_the_papers_numbers_beside_its_own(shell, tmp_path):
+    _, out, _ = shell("study", "trending-coefficients", "--quick", "--out", tmp_path / "a", "--json")
+    assert json.loads(out)["result"]["table"][0]["cases"]["alternating"]["paper_N"] == 50.7
+    code, out, _ = shell("study", "forces-from-accelerations", "--quick", "--out", tmp_path / "b")
+    assert code == 0
+    assert "up to 1.0 m/s²: does not hold" in out
 
 
 def test_an_old_study_is_replaced_and_what_is_foreign_is_not(shell, tmp_path, monkeypatch):
