@@ -635,6 +635,8 @@ class ForceHarmonics(Record):
     phase: np.ndarray = array("rad", "cut")  # of tooth 0 at the angle from which the cut was counted
     phase_sd: np.ndarray = array("rad", "cut")  # 0 where it was not fitted
     phase_from: Literal["stated", "fitted"]
+    runout: tuple[float, float] | None = None  # m, (c0, s0) = rho cos, sin of the angle from tooth 0; None: not fitted
+    runout_sd: tuple[float, float] | None = None  # m
     frf_from: Literal["measured", "modes"]
     compared_methods: tuple[str, ...]  # every method on the same lines
     compared: np.ndarray = array("SI of each coefficient", "method", "parameter")  # in the order of the posterior

@@ -9,6 +9,7 @@ The published constraint has its sign and scale wrong and is one of the many tha
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -24,11 +25,13 @@ from millcal.stages.forces.fit import LawFit, fit_law
 from millcal.stages.forces.judge import judge, line_condition
 from millcal.stages.forces.law import UNITS, Law, law_of
 from millcal.stages.forces.methods import Reconstruction, coefficients_from_force, solver, system_of
-from millcal.stages.forces.problem import Problem, notice_collector, problem_of
+from millcal.stages.forces.problem import Problem, notice_collector, problem_of, runout_seen
 
 __all__ = ["PHASES", "advise_speeds", "reconstruct_forces"]
 
 PHASES = ("auto", "fit", "known")
+RUNOUTS = ("auto", "fit", "known")
+RUNOUT_SEEN = 0.01  # amplitude between the harmonics of the tooth passing over theirs
 ANGLES = 360
 LAW_ORDERS = 120  # harmonics of the spindle in the law's own force, for the drawing
 NORMAL = 1.959964  # quantile of 95 %
@@ -43,6 +46,7 @@ def reconstruct_forces(
     harmonics: int | None = None,
     modes: Modes | None = None,
     phase: str = "auto",
+    runout: str = "auto",
     regularization: float | str = "gcv",
     slack: float = 0.0,
     progress: Callable[[float, str], None] | None = None,
@@ -53,6 +57,8 @@ def reconstruct_forces(
     harmonics : of the tooth passing; None takes four, fewer where the FRF ends
     modes : fitted to the FRF, to take its place   phase : auto believes a stated angle of tooth 0 to 3 degrees and finds one
         that nobody stated; fit finds it in any case; known takes what is stated for exact
+    runout : auto fits it where harmonics of the spindle between those of the tooth passing show it and the cutter has none
+        stated; fit; known takes the cutter's own, also where that is none
     regularization : gcv, l-curve, discrepancy or a weight in (m/s^2)/N (tikhonov)   slack : N by which the force may miss the
         law (rtls)   progress : called with (share done, label)
 
@@ -63,7 +69,11 @@ def reconstruct_forces(
     IllPosedError
         Cuts and FRF do not belong together, or do not determine the force.
     """
-    for name, value, known in (("method", method, methods.NAMES), ("phase", phase, PHASES)):
+    for name, value, known in (
+        ("method", method, methods.NAMES),
+        ("phase", phase, PHASES),
+        ("runout", runout, RUNOUTS),
+    ):
         if value not in known:
             raise RecipeError(f"forces.{name}: {value!r} is unknown; choose one of {', '.join(known)}")
     if harmonics is not None and harmonics < 1:
@@ -76,14 +86,15 @@ def reconstruct_forces(
     notices, note = notice_collector(" ".join(cut.name for cut in cuts))
 
     tell(0.0, "FRF at the harmonics")
-    problem = problem_of(cuts, frf, harmonics, modes, note)
-    law = law_of(problem, phase)
+    fits_runout = _fits_runout(cuts, runout)
+    problem = problem_of(cuts, frf, harmonics, modes, fits_runout or cuts[0].cutter.runout > 0, note)
+    law = law_of(problem, phase, fits_runout)
     tell(0.3, "force")
     fitted = fit_law(problem, law)
-    turned = law.turned(fitted.phases)
+    turned = law.fixed(fitted.fit.theta)
     answers = _all_methods(problem, fitted, turned, method, regularization, slack, note)
     tell(0.8, "checks")
-    judged = judge(problem, fitted, frf, modes, phase, note)
+    judged = judge(problem, fitted, frf, modes, note)
     chosen = answers[method]
     values, covariance = _coefficients(chosen, fitted, turned, method)
     names = tuple(NAMES[i] for i in law.known)
@@ -95,8 +106,7 @@ def reconstruct_forces(
     compared = [_told(name, answers, fitted, turned, law, scale) for name in methods.NAMES]
     own = np.array(law.known, int)
     sd = np.sqrt(np.maximum(scale * np.diag(covariance)[own], 0.0))
-    phases = np.append(fitted.phases, 0.0)[_group_of_cut(problem, law)]
-    deviations = np.append(np.sqrt(scale) * fitted.phase_sd, 0.0)[_group_of_cut(problem, law)]
+    phases = fitted.phases
     drawn = _curves(problem, chosen, phases, np.sqrt(scale))
     tell(1.0, "forces")
     return ForceHarmonics(
@@ -131,7 +141,7 @@ def reconstruct_forces(
         angle=drawn.angle,
         alternating=drawn.alternating,
         alternating_sd=drawn.sd,
-        law_force=_law_force(problem, values, names, drawn.angle),
+        law_force=_law_force(problem, fitted.runout, values, names, drawn.angle),
         dynamometer=_dynamometer(problem, phases, drawn.angle),
         posterior=Posterior(
             names=names,
@@ -142,13 +152,15 @@ def reconstruct_forces(
             law="linear-edge",
             method=method,
         ),
-        unobservable=law.unobservable,
-        rank=law.rank,
-        constraint_rows=len(law.constraint),
-        complex_rows=law.complex_rows,
+        unobservable=law.constraint.unobservable,
+        rank=law.constraint.rank,
+        constraint_rows=len(law.constraint.rows),
+        complex_rows=law.constraint.complex_rows,
         phase=phases,
-        phase_sd=deviations,
-        phase_from="fitted" if len(fitted.phases) else "stated",
+        phase_sd=np.sqrt(scale) * fitted.phase_sd,
+        phase_from="stated" if fitted.common_phase is None else "fitted",
+        runout=fitted.runout,
+        runout_sd=None if fitted.runout_sd is None else _pair(np.sqrt(scale) * np.array(fitted.runout_sd)),
         frf_from="measured" if modes is None else "modes",
         compared_methods=methods.NAMES,
         compared=np.array([value for value, _ in compared]),
@@ -157,6 +169,18 @@ def reconstruct_forces(
         recommended_why=judged.recommended_why,
         notices=tuple(dict.fromkeys(notices)),
     )
+
+
+def _fits_runout(cuts: Sequence[CutVibration], runout: str) -> bool:
+    """Whether the runout is an unknown."""
+    cutter = cuts[0].cutter
+    if runout == "known" or (cutter.teeth == 1 and runout == "auto"):
+        return False
+    return runout == "fit" or (cutter.runout == 0 and runout_seen(cuts) > RUNOUT_SEEN)
+
+
+def _pair(values: np.ndarray) -> tuple[float, float]:
+    return float(values[0]), float(values[1])
 
 
 def _chosen_by(method: str, regularization: float | str) -> str:
@@ -219,11 +243,6 @@ def _told(
     return values[law.known], np.sqrt(np.maximum(scale * np.diag(covariance)[law.known], 0.0))
 
 
-def _group_of_cut(problem: Problem, law: Law) -> np.ndarray:
-    """Which phase turns each cut; -1 for none.   returns (cut,)"""
-    return np.array([law.group[problem.cut == number][0] for number in range(len(problem.cuts))])
-
-
 class _Curves(NamedTuple):
     """The force counted from tooth 0: its harmonics, and one revolution of what the lines show."""
 
@@ -258,17 +277,27 @@ def _curves(problem: Problem, found: Reconstruction, phases: np.ndarray, widened
     return _Curves(force, covariance[parts[:, :, None], parts[:, None, :]], angle, alternating, sd)
 
 
-def _law_force(problem: Problem, values: np.ndarray, names: tuple[str, ...], angle: np.ndarray) -> np.ndarray | None:
+def _law_force(
+    problem: Problem,
+    runout: tuple[float, float] | None,
+    values: np.ndarray,
+    names: tuple[str, ...],
+    angle: np.ndarray,
+) -> np.ndarray | None:
     """The whole force of the law, mean and all, along the axes whose coefficients are all told.
 
-    values : (6,)   returns (cut, axis, angle) N, nan along other axes; None where there is no such axis
+    runout : c0 and s0 that were fitted, None for the cutter's own   values : (6,)
+    returns (cut, axis, angle) N, nan along other axes; None where there is no such axis
     """
     known = [axis for axis in problem.axes if set(NEEDED[axis]) <= set(names)]
     if not known:
         return None
     force = np.full((len(problem.cuts), len(problem.axes), len(angle)), np.nan)
     for number, cut in enumerate(problem.cuts):
-        basis = harmonic_basis(cut.cutter, cut.conditions, np.arange(LAW_ORDERS + 1), problem.axes)
+        cutter = cut.cutter
+        if runout is not None:
+            cutter = replace(cutter, runout=float(np.hypot(*runout)), runout_angle=float(np.arctan2(*runout[::-1])))
+        basis = harmonic_basis(cutter, cut.conditions, np.arange(LAW_ORDERS + 1), problem.axes)
         own = force_at((basis @ values).T, angle)
         for row, axis in enumerate(problem.axes):
             if axis in known:

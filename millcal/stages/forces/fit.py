@@ -1,7 +1,7 @@
-"""The noise-weighted fit of the law: phases searched all round, then everything at once.
+"""The noise-weighted fit of the law: angles and runout searched all round, then everything at once.
 
-A phase that nobody knows has several minima, so every trial angle gets the coefficients that suit it best, by weighted least
-squares with the covariance of the force as it is without the law; the best are then followed to their minimum.
+An angle that nobody knows has several minima, and so has the runout. Every trial gets the coefficients that suit it best, by
+weighted least squares with the covariance of the force as it is without the law; the best are followed to their minimum.
 """
 
 from dataclasses import dataclass
@@ -9,18 +9,15 @@ from itertools import pairwise
 
 import numpy as np
 
-from millcal.numerics.errors_in_variables import (
-    Fit,
-    fit_errors_in_variables,
-    parts,
-    residual_covariance,
-)
-from millcal.stages.forces.law import Law
+from millcal.numerics.errors_in_variables import Fit, fit_errors_in_variables, parts, residual_covariance
+from millcal.stages.forces.law import USUAL_RUNOUT, Law
 from millcal.stages.forces.problem import Problem
 
 TRIALS = 48  # angles over a period
 FOLLOWED = 3  # of them, to their minimum
+RUNOUTS = (2e-6, 6e-6, 15e-6)  # m, tried in eight directions
 ALIKE = 6.0  # of chi-square: what lies closer than this to the best is as good
+APART = np.radians(5.0)  # of two angles that are not one
 PENALTY = 12.0  # of chi-square, for coefficients of a tool that pulls itself into the work
 
 
@@ -30,9 +27,28 @@ class LawFit:
 
     fit: Fit
     law: Law
-    phases: np.ndarray  # (group,) rad
-    phase_sd: np.ndarray  # (group,)
-    ambiguous: tuple[float, ...]  # rad: other phases that are as good, beside the first group's
+    phases: np.ndarray  # (cut,) rad
+    phase_sd: np.ndarray  # (cut,); 0 where it was not fitted
+    common_phase: tuple[float, float] | None  # rad, of the first cut's pulse, encoder or start, and its deviation
+    runout: tuple[float, float] | None  # m, c0 and s0
+    runout_sd: tuple[float, float] | None
+    ambiguous: tuple[float, ...]  # rad: other angles of the first cut that are as good
+
+
+class Weighted:
+    """The lines with the weights that the force has without the law: coefficients at given angles and runout."""
+
+    def __init__(self, problem: Problem) -> None:
+        covariance = residual_covariance(problem.noise, problem.error, free_force(problem))
+        self.matrix = problem.matrix
+        self.root = np.linalg.cholesky(covariance)
+        self.data = np.linalg.solve(self.root, parts(problem.measured))
+
+    def solve(self, slopes: np.ndarray) -> tuple[np.ndarray, float]:
+        """Unknowns of slopes (line, axis, unknown), and chi-square."""
+        A = np.linalg.solve(self.root, parts(self.matrix @ slopes))
+        z = np.linalg.lstsq(A, self.data, rcond=None)[0]
+        return z, float(np.sum((self.data - A @ z) ** 2))
 
 
 def free_force(problem: Problem) -> np.ndarray:
@@ -46,104 +62,118 @@ def free_force(problem: Problem) -> np.ndarray:
 
 
 def fit_law(problem: Problem, law: Law) -> LawFit:
-    """The most likely coefficients and phases.
+    """The most likely coefficients, angles and runout.
 
     Raises
     ------
     IllPosedError
         The lines do not tell the coefficients apart.
     """
-    n = law.combinations.shape[1]
-    groups = len(law.phase_mean)
-    starts = [_best_phases(problem, law, g) for g in range(groups)]
-    phases = np.array([own[0] for own in starts])
-    best = _follow(problem, law, phases)
-    scores = {float(phases[0]) if groups else 0.0: _score(best, law)}
-    for g, own in enumerate(starts):
+    n, angles = law.sizes
+    choices = [_best_angles(problem, law, i) for i in range(angles)]
+    first = np.array([own[0] for own in choices])
+    trials = [first]
+    for i, own in enumerate(choices):
         for other in own[1:]:
-            trial = phases.copy()
-            trial[g] = other
-            found = _follow(problem, law, trial)
-            if g == 0:
-                scores[float(found.theta[n])] = _score(found, law)
-            if _score(found, law) < _score(best, law):
-                best, phases = found, found.theta[n:].copy()
-    if groups:
-        middle = best.theta[n:]
-        middle = middle - law.period * np.round((middle - law.phase_mean) / law.period)
-        best = best._replace(theta=np.append(best.theta[:n], middle))
-    least = _score(best, law)
+            trials.append(np.where(np.arange(angles) == i, other, first))
+    weighted = Weighted(problem)
+    found = [_follow(problem, weighted, law, trial) for trial in trials]
+    scores = [_score(fit, law) for fit in found]
+    best = found[int(np.argmin(scores))]
+    if angles:
+        best = best._replace(theta=_wound(best.theta, law))
     others = [
-        phase
-        for phase, score in scores.items()
-        if groups
-        and score < least + ALIKE
-        and abs(_nearest(phase - best.theta[n], law.period)) > 4 * np.sqrt(best.covariance[n, n]) + 0.02
+        float(fit.theta[n])
+        for fit, score in zip(found, scores, strict=True)
+        if angles and score < min(scores) + ALIKE and abs(_nearest(fit.theta[n] - best.theta[n], law.period)) > APART
     ]
+    theta, covariance = best.theta, best.covariance
+    own = slice(n, n + angles)
+    spread = law.turns @ covariance[own, own] @ law.turns.T if angles else np.zeros((len(law.turns),) * 2)
+    end = n + angles
     return LawFit(
         fit=best,
         law=law,
-        phases=best.theta[n:],
-        phase_sd=np.sqrt(np.diag(best.covariance)[n:]),
+        phases=law.turns @ theta[own] if angles else np.zeros(len(law.turns)),
+        phase_sd=np.sqrt(np.maximum(np.diag(spread), 0.0)),
+        common_phase=(float(theta[n]), float(np.sqrt(covariance[n, n]))) if angles else None,
+        runout=_pair(theta[end:] * USUAL_RUNOUT) if law.fits_runout else None,
+        runout_sd=_pair(np.sqrt(np.diag(covariance)[end:]) * USUAL_RUNOUT) if law.fits_runout else None,
         ambiguous=tuple(others),
     )
 
 
+def _pair(values: np.ndarray) -> tuple[float, float]:
+    return float(values[0]), float(values[1])
+
+
 def _nearest(angle: float, period: float) -> float:
-    return angle - period * round(angle / period)
+    return float(angle - period * np.round(angle / period))
 
 
-def _follow(problem: Problem, law: Law, phases: np.ndarray) -> Fit:
-    """From some phases to the minimum."""
-    known = law.turned(phases)
-    start = np.append(_weighted(problem, known)[0], phases)
-    prior = (
-        np.append(np.zeros(law.combinations.shape[1]), law.phase_mean),
-        np.append(np.zeros(law.combinations.shape[1]), law.phase_precision),
-    )
+def _wound(theta: np.ndarray, law: Law) -> np.ndarray:
+    """The same with the angles nearest to zero, where a period more or less changes nothing."""
+    n, angles = law.sizes
+    if law.fits_runout:  # a period would exchange the teeth, and the runout is counted from tooth 0
+        return theta
+    wound = theta.copy()
+    wound[n : n + angles] -= law.period * np.round(theta[n : n + angles] / law.period)
+    return wound
+
+
+def _follow(problem: Problem, weighted: Weighted, law: Law, angles: np.ndarray) -> Fit:
+    """From some angles to the minimum, with the runout that suits them best at first."""
+    n = law.sizes[0]
+    tried = [np.zeros(2)]
+    if law.fits_runout:
+        directions = np.linspace(0, 2 * np.pi, 8, endpoint=False)
+        tried += [size * np.array([np.cos(a), np.sin(a)]) for size in RUNOUTS for a in directions]
+    starts = []
+    for runout in tried:
+        tail = runout / USUAL_RUNOUT if law.fits_runout else np.zeros(0)
+        theta = np.concatenate([np.zeros(n), angles, tail])
+        fixed = law.fixed(theta)
+        z, chi2 = weighted.solve(fixed.basis @ law.combinations)
+        starts.append((chi2, np.concatenate([z, angles, tail])))
+    start = min(starts, key=lambda own: own[0])[1]
     return fit_errors_in_variables(
-        problem.matrix, problem.measured, problem.noise, problem.error, law.values, start, prior=prior
+        problem.matrix,
+        problem.measured,
+        problem.noise,
+        problem.error,
+        law.values,
+        start,
+        prior=(np.zeros(len(start)), law.precision),
     )
 
 
 def _score(fit: Fit, law: Law) -> float:
     """Chi-square, and more for a negative Ktc where the lines tell it."""
-    coefficients = law.combinations @ fit.theta[: law.combinations.shape[1]]
+    coefficients = law.combinations @ fit.theta[: law.sizes[0]]
     return fit.chi2 + (PENALTY if 0 in law.known and coefficients[0] < 0 else 0.0)
 
 
-def _weighted(problem: Problem, law: Law) -> tuple[np.ndarray, float]:
-    """Unknowns at known phases by least squares weighted as for the force without the law, and chi-square."""
-    covariance = residual_covariance(problem.noise, problem.error, free_force(problem))
-    root = np.linalg.cholesky(covariance)
-    slopes = law.values(np.zeros(law.combinations.shape[1]))[1]
-    A = np.linalg.solve(root, parts(problem.matrix @ slopes))
-    y = np.linalg.solve(root, parts(problem.measured))
-    z = np.linalg.lstsq(A, y, rcond=None)[0]
-    return z, float(np.sum((y - A @ z) ** 2))
+def _best_angles(problem: Problem, law: Law, angle: int) -> list[float]:
+    """Trials of one angle that its lines like best, from minima of chi-square over a period; best first.
 
-
-def _best_phases(problem: Problem, law: Law, group: int) -> list[float]:
-    """Trial angles of one group that its lines like best, from minima of chi-square over a period; best first."""
-    if law.stated[group]:
-        return [float(law.phase_mean[group])]
-    own = problem.of_lines(law.group == group)
-    covariance = residual_covariance(own.noise, own.error, free_force(own))
-    root = np.linalg.cholesky(covariance)
-    y = np.linalg.solve(root, parts(own.measured))
-    slopes = (law.basis @ law.combinations)[law.group == group]
-    order = law.order[law.group == group]
-    angles = np.arange(TRIALS) * law.period / TRIALS
+    The harmonics of the tooth passing decide: those between them are a matter of the runout.
+    """
+    if law.stated[angle]:
+        return [0.0]
+    teeth = problem.cuts[0].cutter.teeth
+    chosen = law.turns[law.cut, angle] > 0
+    passing = chosen & (law.order % teeth == 0)
+    chosen = passing if law.fits_runout and passing.any() else chosen
+    weighted = Weighted(problem.of_lines(chosen))
+    slopes = (law.basis_at(0.0, 0.0) @ law.combinations)[chosen]
+    trials = np.arange(TRIALS) * law.period / TRIALS
     chi2 = np.empty(TRIALS)
-    for i, angle in enumerate(angles):
-        turned = slopes * np.exp(1j * order * angle)[:, None, None]
-        A = np.linalg.solve(root, parts(own.matrix @ turned))
-        z = np.linalg.lstsq(A, y, rcond=None)[0]
-        chi2[i] = np.sum((y - A @ z) ** 2)
+    for i, trial in enumerate(trials):
+        z, chi2[i] = weighted.solve(slopes * np.exp(1j * law.order[chosen] * trial)[:, None, None])
         if 0 in law.known and (law.combinations @ z)[0] < 0:
             chi2[i] += PENALTY
     around = np.concatenate([chi2[-1:], chi2, chi2[:1]])
     rises = [b > a for a, b in pairwise(around)]
     minima = [i for i in range(TRIALS) if not rises[i] and rises[i + 1]]
     minima = sorted(minima or [int(np.argmin(chi2))], key=lambda i: chi2[i])
-    return [float(angles[i]) for i in minima[:FOLLOWED]]
+    return [float(trials[i]) for i in minima[:FOLLOWED]]

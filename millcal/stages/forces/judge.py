@@ -19,15 +19,15 @@ from millcal.stages.forces.fit import LawFit, fit_law
 from millcal.stages.forces.frf_errors import frf_at
 from millcal.stages.forces.frf_of_modes import OFF, relative_disagreement
 from millcal.stages.forces.law import BELIEVED, law_of
-from millcal.stages.forces.problem import Note, Problem, signed_places
+from millcal.stages.forces.problem import Note, Problem, runout_seen, signed_places
 
 CHANCE = 1e-3  # that a right model is called wrong
-MUCH = 1.5  # chi-square per degree of freedom from which it matters, however unlikely less may be
+MUCH = 2.25  # chi-square per degree of freedom from which it matters; below, the intervals are widened by its root
 IMPRECISE = 0.25  # relative standard deviation of Ktc or Krc
 USELESS = 0.01  # share of what is known
 NEARLY_SINGULAR = 20.0  # condition number of a line
 UNKNOWN_FORCE = 1.0  # standard deviation of a line's force over the force itself
-RUNOUT_SEEN = 0.1  # amplitude between the tooth-passing harmonics over theirs
+RUNOUT_SEEN = 0.03  # amplitude between the tooth-passing harmonics over theirs
 FAR = np.radians(2.0)  # from what is stated, of a tooth's angle
 MODES_OFF = 0.05  # of the FRF's size
 
@@ -48,7 +48,7 @@ class Judgement:
     free_sd: np.ndarray  # (line, axis), root of E|error|^2
 
 
-def judge(problem: Problem, fitted: LawFit, frf: Frf, modes: Modes | None, phase: str, note: Note) -> Judgement:
+def judge(problem: Problem, fitted: LawFit, frf: Frf, modes: Modes | None, note: Note) -> Judgement:
     """Ask everything that can be asked of the fit of the law."""
     fit = fitted.fit
     share = np.einsum("spq,pq->s", fit.information, fit.covariance)
@@ -62,7 +62,7 @@ def judge(problem: Problem, fitted: LawFit, frf: Frf, modes: Modes | None, phase
         law_check,
         _sensor_check(problem, residual),
         _sign_check(fitted),
-        _angle_check(problem, fitted, phase, note),
+        _angle_check(problem, fitted, note),
         _precision_check(problem, fitted),
         Check("minimum", fit.converged, "the fit stands at its minimum" if fit.converged else "the fit did not end"),
     ]
@@ -70,7 +70,7 @@ def judge(problem: Problem, fitted: LawFit, frf: Frf, modes: Modes | None, phase
         checks.append(_modes_check(problem, frf))
     _tell_sensors(problem, fitted, share, note)
     _tell_lines(problem, fitted, note)
-    _tell_runout(problem, note)
+    _tell_runout(problem, fitted, note)
     recommended, why = _recommended(frf_check.passed, law_check.passed)
     return Judgement(
         _verdict(checks), tuple(checks), fit.chi2, fit.dof, residual, share, recommended, why, force, deviation
@@ -197,49 +197,44 @@ def _sign_check(fitted: LawFit) -> Check:
     )
 
 
-def _angle_check(problem: Problem, fitted: LawFit, phase: str, note: Note) -> Check:
+def _angle_check(problem: Problem, fitted: LawFit, note: Note) -> Check:
     """Whether a stated angle of tooth 0 is right, and one that was found is the only one."""
-    if phase == "known":
-        try:
-            found = fit_law(problem, law_of(problem, "fit"))
-        except IllPosedError:
-            return Check("angle", True, "the lines do not tell the spindle angle: it is as stated")
-        off, sd = float(found.phases[0]), float(found.phase_sd[0])
-        said = f"{np.degrees(off):+.2g} +- {np.degrees(sd):.2g} degrees"
-        if abs(off) > max(4 * sd, FAR / 4):
-            return Check("angle", False, f"the stated spindle angle is off by {said}; take phase = auto, or correct it")
+    common = fitted.common_phase
+    if common is None:
+        return _known_angle(problem, fitted)
+    angle, sd = common
+    said = f"{np.degrees(angle):+.2g} +- {np.degrees(sd):.2g} degrees"
+    if fitted.law.stated[0]:
+        if abs(angle) > 4 * BELIEVED:
+            return Check("angle", False, f"the stated spindle angle is off by {said}; correct it, or leave it out")
+        if abs(angle) > max(3 * sd, FAR):
+            note("spindle-angle", f"tooth 0 stands {said} from where it is stated: corrected")
         return Check("angle", True, f"the lines put tooth 0 {said} from where it is stated")
-    stated = np.flatnonzero(fitted.law.stated)
-    off = fitted.phases[stated]
-    sd = fitted.phase_sd[stated]
-    for angle, own in zip(off, sd, strict=True):
-        if abs(angle) > max(3 * own, FAR):
-            note(
-                "spindle-angle",
-                f"tooth 0 stands {np.degrees(angle):+.2g} +- {np.degrees(own):.2g} degrees from where it is stated: corrected",
-            )
-    if len(stated) and np.any(np.abs(off) > 4 * BELIEVED):
-        worst = float(off[np.argmax(np.abs(off))])
-        return Check(
-            "angle",
-            False,
-            f"the stated spindle angle is off by {np.degrees(worst):+.3g} degrees; correct it, or leave it out",
-        )
     if fitted.ambiguous:
         others = ", ".join(f"{np.degrees(value):.0f}" for value in fitted.ambiguous)
         return Check(
             "angle",
             False,
-            f"tooth 0 may stand at {np.degrees(fitted.phases[0]):.0f} or {others} degrees: state spindle_phase_deg, or cut "
-            "at a speed where the FRF tells more",
+            f"tooth 0 may stand at {np.degrees(angle):.0f} or {others} degrees: state spindle_phase_deg, or cut at a speed "
+            "where the FRF tells more",
         )
-    if not len(fitted.phases):
-        return Check("angle", True, "as stated")
-    said = ", ".join(
-        f"{np.degrees(value):.3g} +- {np.degrees(own):.2g}"
-        for value, own in zip(fitted.phases, fitted.phase_sd, strict=True)
+    return Check(
+        "angle", True, f"the lines tell where tooth 0 is: {np.degrees(angle):.4g} +- {np.degrees(sd):.2g} degrees"
     )
-    return Check("angle", True, f"the lines tell where tooth 0 is: {said} degrees")
+
+
+def _known_angle(problem: Problem, fitted: LawFit) -> Check:
+    """Whether an angle that was taken for known is where the lines put it."""
+    try:
+        found = fit_law(problem, law_of(problem, "fit", fitted.law.fits_runout))
+    except IllPosedError:
+        return Check("angle", True, "the lines do not tell the spindle angle: it is as stated")
+    assert found.common_phase is not None
+    off, sd = found.common_phase
+    said = f"{np.degrees(off):+.2g} +- {np.degrees(sd):.2g} degrees"
+    if abs(off) > max(4 * sd, FAR / 4):
+        return Check("angle", False, f"the stated spindle angle is off by {said}; take phase = auto, or correct it")
+    return Check("angle", True, f"the lines put tooth 0 {said} from where it is stated")
 
 
 def _precision_check(problem: Problem, fitted: LawFit) -> Check:
@@ -358,28 +353,23 @@ def _tell_lines(problem: Problem, fitted: LawFit, note: Note) -> None:
         note("poor-lines", f"lines that tell little by themselves: {'; '.join(told['note'])}", "note")
 
 
-def _tell_runout(problem: Problem, note: Note) -> None:
-    """Lines between the tooth-passing harmonics, where a cutter without runout has none; the first is left to unbalance."""
-    cutter = problem.cuts[0].cutter
-    if cutter.runout or cutter.teeth == 1 or cutter.pitch is not None:
+def _tell_runout(problem: Problem, fitted: LawFit, note: Note) -> None:
+    """Runout that was found, or that is there and was not asked for."""
+    if fitted.runout is not None and fitted.runout_sd is not None:
+        c0, s0 = (f"{1e6 * v:.2g} +- {1e6 * d:.1g}" for v, d in zip(fitted.runout, fitted.runout_sd, strict=True))
+        note(
+            "runout-fitted",
+            f"the harmonics of the spindle tell a runout of c0 {c0} um and s0 {s0} um, which is in the coefficients",
+            "note",
+        )
         return
-    shares = []
-    for cut in problem.cuts:
-        own = [cut.sensors.index(sensor) for sensor in problem.sensors]
-        order = np.arange(2, min(cut.harmonics.shape[1], 2 * cutter.teeth + 1))
-        between = order[order % cutter.teeth != 0]
-        passing = order[order % cutter.teeth == 0]
-        if not len(between) or not len(passing):
-            continue
-        noise = np.einsum("kss->ks", cut.covariance[between])[:, own].real
-        power = np.abs(cut.harmonics[own][:, between].T) ** 2
-        excess = np.sum(np.maximum(power - 4 * noise, 0.0))
-        shares.append(np.sqrt(excess / max(np.sum(np.abs(cut.harmonics[own][:, passing]) ** 2), 1e-300)))
-    if shares and max(shares) > RUNOUT_SEEN:
+    cutter = problem.cuts[0].cutter
+    seen = runout_seen(problem.cuts)
+    if not cutter.runout and cutter.pitch is None and seen > RUNOUT_SEEN:
         note(
             "runout-seen",
-            f"harmonics of the spindle between those of the tooth passing, {max(shares):.0%} of them: the teeth do not cut "
-            "alike; state runout_um and runout_angle_deg of the cutter if they are known",
+            f"harmonics of the spindle between those of the tooth passing have {seen:.0%} of their size: the teeth do not cut "
+            "alike, which is not in the coefficients; take runout = auto, or state runout_um of the cutter",
         )
 
 

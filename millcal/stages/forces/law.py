@@ -1,72 +1,109 @@
-"""The force law on the lines: coefficients to harmonics, what the lines can tell of them, and the angle of tooth 0.
+"""The force law on the lines: coefficients to harmonics, what the lines can tell of them, where tooth 0 is, and the runout.
 
-The unknowns of a fit are as many combinations of coefficients as the lines show, each scaled to one, and then the phases:
-one for all cuts whose angle counts from the same pulse or encoder, one for each cut that counts from its first sample.
+The unknowns of a fit are as many combinations of coefficients as the lines show, each scaled to a force of one newton; then the
+angles: one for all cuts that count from the same pulse or encoder, with a small one for each of them, because a pulse is known
+to a sample only, and one for each cut that counts from its first sample; and the runout (c0, s0) where it is fitted.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
 from millcal.data import CutVibration
 from millcal.errors import IllPosedError, RecipeError
 from millcal.numerics.linear_inverse import as_real_vector
-from millcal.physics.force_subspace import NAMES, force_constraint, harmonic_basis
+from millcal.physics.cutter import Cutter
+from millcal.physics.force_subspace import NAMES, ForceConstraint, force_constraint, harmonic_basis
 from millcal.stages.forces.problem import Problem
 
 UNITS = dict(zip(NAMES, ("N/m^2",) * 3 + ("N/m",) * 3, strict=True))
 BELIEVED = np.radians(3.0)  # standard deviation of an angle that somebody has stated
+PULSE = 0.3  # samples: standard deviation of where a pulse is in one cut
+USUAL_RUNOUT = 20e-6  # m: standard deviation of c0 and s0 before anything is known
+STEP = 1e-8  # m, of the difference that is the slope by the runout
+
+Basis = Callable[[float, float], np.ndarray]  # c0, s0 in m -> complex (line, axis, coefficient)
 
 
 @dataclass(frozen=True, eq=False)
 class Law:
-    """The linear-edge law of a cutter on the lines of a problem."""
+    """The linear-edge law of a cutter on the lines of a problem.
 
-    basis: np.ndarray  # complex (line, axis, coefficient), N per N/m^2 and N/m, tooth 0 at angle 0
+    Unknowns theta: combinations, then angles, then c0 and s0 in units of `USUAL_RUNOUT`, if they are fitted.
+    """
+
+    basis_at: Basis  # N per N/m^2 and N/m, tooth 0 at angle 0
     order: np.ndarray  # (line,) of the spindle
-    group: np.ndarray  # (line,) which phase turns it; -1: none, the angle is known
+    cut: np.ndarray  # (line,)
+    turns: np.ndarray  # (cut, angle): which angles add up to the cut's
+    angle_precision: np.ndarray  # (angle,) 1/rad^2; 0 where nothing is known
+    stated: np.ndarray  # (angle,) bool: somebody said it, so that it is looked for nearby
+    period: float  # rad, after which an angle is the same again
+    fits_runout: bool
     combinations: np.ndarray  # (coefficient, unknown): coefficients of unit unknowns
-    unobservable: tuple[tuple[str, ...], ...]
-    rank: int
-    constraint: np.ndarray  # real (row, 2 line axis): what [Re F; Im F] must give zero
-    complex_rows: int
-    phase_mean: np.ndarray  # (group,) rad
-    phase_precision: np.ndarray  # (group,) 1/rad^2
-    stated: np.ndarray  # (group,) bool: somebody said the angle, so that it is looked for nearby
-    period: float  # rad, after which a phase is the same again
+    constraint: ForceConstraint
 
     @property
     def known(self) -> list[int]:
         """Indices of the coefficients that the lines tell by themselves."""
-        hidden = {name for names in self.unobservable for name in names}
-        return [i for i, name in enumerate(NAMES) if name not in hidden]
+        return [int(i) for i in np.flatnonzero(self.constraint.told)]
+
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Number of combinations and of angles."""
+        return self.combinations.shape[1], self.turns.shape[1]
+
+    @property
+    def precision(self) -> np.ndarray:
+        """What is known of theta beforehand, about zero.   returns (theta,)"""
+        runout = np.ones(2 if self.fits_runout else 0)
+        return np.concatenate([np.zeros(self.sizes[0]), self.angle_precision, runout])
+
+    def split(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Combinations, angles in rad, (c0, s0) in m."""
+        n, angles = self.sizes
+        runout = theta[n + angles :] * USUAL_RUNOUT if self.fits_runout else np.zeros(2)
+        return theta[:n], theta[n : n + angles], runout
 
     def values(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Force on the lines and its slopes.   theta : (unknown + group,)   returns (line, axis), (line, axis, theta)"""
-        n = self.combinations.shape[1]
-        turn = np.exp(1j * self.order * np.append(theta[n:], 0.0)[self.group])
-        slopes = np.zeros((*self.basis.shape[:2], len(theta)), complex)
-        slopes[:, :, :n] = (self.basis @ self.combinations) * turn[:, None, None]
-        force = slopes[:, :, :n] @ theta[:n]
-        for g in range(len(theta) - n):
-            own = self.group == g
-            slopes[own, :, n + g] = 1j * self.order[own, None] * force[own]
+        """Force on the lines and its slopes.   returns complex (line, axis), (line, axis, theta)"""
+        z, angles, (c0, s0) = self.split(theta)
+        n = len(z)
+        phase = (self.turns @ angles)[self.cut] if len(angles) else np.zeros(len(self.order))
+        turn = np.exp(1j * self.order * phase)[:, None, None]
+        slopes = np.zeros((len(self.order), self.basis_at(c0, s0).shape[1], len(theta)), complex)
+        slopes[:, :, :n] = (self.basis_at(c0, s0) @ self.combinations) * turn
+        force = slopes[:, :, :n] @ z
+        for i in range(len(angles)):
+            slopes[:, :, n + i] = (1j * self.order * self.turns[self.cut, i])[:, None] * force
+        if self.fits_runout:
+            coefficients = self.combinations @ z
+            for i, moved in enumerate((self.basis_at(c0 + STEP, s0), self.basis_at(c0, s0 + STEP))):
+                change = (moved - self.basis_at(c0, s0)) @ coefficients
+                slopes[:, :, n + len(angles) + i] = change * turn[:, :, 0] * (USUAL_RUNOUT / STEP)
         return force, slopes
 
-    def turned(self, phases: np.ndarray) -> "Law":
-        """The law with these phases known.   phases : (group,) rad"""
-        turn = np.exp(1j * self.order * np.append(phases, 0.0)[self.group])
-        none = np.zeros(0)
+    def fixed(self, theta: np.ndarray) -> "Law":
+        """The law with angles and runout as they are there, and only the coefficients unknown."""
+        _, angles, (c0, s0) = self.split(theta)
+        phase = (self.turns @ angles)[self.cut] if len(angles) else np.zeros(len(self.order))
+        basis = self.basis_at(c0, s0) * np.exp(1j * self.order * phase)[:, None, None]
         return replace(
             self,
-            basis=self.basis * turn[:, None, None],
-            group=np.full(len(self.group), -1),
-            phase_mean=none,
-            phase_precision=none,
-            stated=none.astype(bool),
-            constraint=force_constraint(self.basis * turn[:, None, None]).rows,
+            basis_at=lambda c0, s0: basis,
+            turns=np.zeros((len(self.turns), 0)),
+            angle_precision=np.zeros(0),
+            stated=np.zeros(0, bool),
+            fits_runout=False,
+            constraint=force_constraint(basis),
         )
+
+    @property
+    def basis(self) -> np.ndarray:
+        """Of a law without runout to fit: complex (line, axis, coefficient)."""
+        return self.basis_at(0.0, 0.0)
 
     def coefficients(self, theta: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """All six, those that are hidden as the smallest that give the force.   returns (6,), (6, 6) SI"""
@@ -74,8 +111,8 @@ class Law:
         return self.combinations @ theta[:n], self.combinations @ covariance[:n, :n] @ self.combinations.T
 
 
-def law_of(problem: Problem, phase: str) -> Law:
-    """The law on the lines of a problem.   phase : auto, fit or known
+def law_of(problem: Problem, phase: str, runout: bool) -> Law:
+    """The law on the lines of a problem.   phase : auto, fit or known   runout : fit it; else it is the cutter's own
 
     Raises
     ------
@@ -84,10 +121,9 @@ def law_of(problem: Problem, phase: str) -> Law:
     IllPosedError
         The lines show nothing of any coefficient.
     """
-    basis = np.empty((len(problem.order), len(problem.axes), len(NAMES)), complex)
-    for number, cut in enumerate(problem.cuts):
-        own = problem.cut == number
-        basis[own] = harmonic_basis(cut.cutter, cut.conditions, problem.order[own], problem.axes)
+    cutter = problem.cuts[0].cutter
+    basis_at = _basis_at(problem, cutter, runout)
+    basis = basis_at(*((0.25 * USUAL_RUNOUT,) * 2 if runout else (0.0, 0.0)))
     constraint = force_constraint(basis)
     space = constraint.space
     if not space.rank:
@@ -95,29 +131,53 @@ def law_of(problem: Problem, phase: str) -> Law:
             "forces: these harmonics carry no force of any coefficient; use more harmonics or another cut"
         )
     scale = np.where(space.scale > 0, space.scale, np.inf)
-    stack = as_real_vector(basis.reshape(-1, len(NAMES)))
-    _, size, rows = np.linalg.svd(stack / scale)
-    groups, precision, stated = _phases(problem.cuts, phase)
+    _, size, rows = np.linalg.svd(as_real_vector(basis.reshape(-1, len(NAMES))) / scale, full_matrices=False)
+    turns, precision, stated = _angles(problem.cuts, phase)
+    equal = cutter.pitch is None or np.ptp(cutter.pitch) < 1e-9
     return Law(
-        basis=basis,
+        basis_at=basis_at,
         order=problem.order,
-        group=groups[problem.cut],
-        combinations=((rows[: space.rank] / size[: space.rank, None]) / scale).T,
-        unobservable=constraint.unobservable,
-        rank=space.rank,
-        constraint=constraint.rows,
-        complex_rows=constraint.complex_rows,
-        phase_mean=np.zeros(len(precision)),
-        phase_precision=precision,
+        cut=problem.cut,
+        turns=turns,
+        angle_precision=precision,
         stated=stated,
-        period=2 * np.pi / int(np.gcd.reduce(problem.order)),
+        # with a runout to fit, the teeth may exchange their numbers
+        period=2 * np.pi / (cutter.teeth if runout and equal else int(np.gcd.reduce(problem.order))),
+        fits_runout=runout,
+        combinations=((rows[: space.rank] / size[: space.rank, None]) / scale).T,
+        constraint=constraint,
     )
 
 
-def _phases(cuts: Sequence[CutVibration], phase: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Which phase turns each cut (-1: none), how well it is known, and whether it was stated.
+def _basis_at(problem: Problem, cutter: Cutter, runout: bool) -> Basis:
+    """The basis by the runout, kept for those that are asked for again."""
 
-    returns (cut,), (group,) 1/rad^2, (group,)
+    alike: dict[tuple, list[int]] = {}  # cuts that differ in their speed alone have one basis
+    for number, cut in enumerate(problem.cuts):
+        orders = problem.order[problem.cut == number]
+        alike.setdefault((replace(cut.conditions, spindle_speed=0.0), tuple(orders)), []).append(number)
+
+    @lru_cache(maxsize=64)
+    def basis_at(c0: float, s0: float) -> np.ndarray:
+        own = (
+            replace(cutter, runout=float(np.hypot(c0, s0)), runout_angle=float(np.arctan2(s0, c0)))
+            if runout
+            else cutter
+        )
+        basis = np.empty((len(problem.order), len(problem.axes), len(NAMES)), complex)
+        for (conditions, orders), numbers in alike.items():
+            found = harmonic_basis(own, conditions, orders, problem.axes)
+            for number in numbers:
+                basis[problem.cut == number] = found
+        return basis
+
+    return basis_at
+
+
+def _angles(cuts: Sequence[CutVibration], phase: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Which angles add up to that of tooth 0 in each cut, how well each is known, and whether it was stated.
+
+    returns (cut, angle), (angle,) 1/rad^2, (angle,)
     """
     sources = [cut.angle_from for cut in cuts]
     if phase == "known":
@@ -127,9 +187,15 @@ def _phases(cuts: Sequence[CutVibration], phase: str) -> tuple[np.ndarray, np.nd
                 f"forces.phase: known, but nothing says where tooth 0 is in {unknown[0]}; give spindle_phase_deg, or "
                 'phase = "fit"'
             )
-        return np.full(len(cuts), -1), np.zeros(0), np.zeros(0, bool)
+        return np.zeros((len(cuts), 0)), np.zeros(0), np.zeros(0, bool)
     keys: list[object] = [number if source == "speed" else source for number, source in enumerate(sources)]
     names = list(dict.fromkeys(keys))
+    turns = [np.array([key == name for key in keys], float) for name in names]
     precision = [BELIEVED**-2 if name == "stated" and phase == "auto" else 0.0 for name in names]
-    stated = np.array([name == "stated" for name in names], bool)
-    return np.array([names.index(key) for key in keys]), np.array(precision), stated
+    stated = [name == "stated" for name in names]
+    for number, (cut, key) in enumerate(zip(cuts, keys, strict=True)):
+        if keys.count(key) > 1:
+            turns.append(np.eye(len(cuts))[number])
+            precision.append((PULSE * 2 * np.pi * cut.spindle_frequency / cut.sample_rate) ** -2)
+            stated.append(True)
+    return np.stack(turns, axis=1), np.array(precision), np.array(stated, bool)

@@ -157,8 +157,8 @@ def solver(method: str, law: Law, regularization: float | str, slack: float) -> 
     """A method with its own options.   law : with its phases known"""
     own = {
         "tikhonov": {"regularization": regularization},
-        "constrained-ls": {"constraint": law.constraint},
-        "rtls": {"constraint": law.constraint, "slack": slack},
+        "constrained-ls": {"constraint": law.constraint.rows},
+        "rtls": {"constraint": law.constraint.rows, "slack": slack},
     }.get(method, {})
     return partial(METHODS[method], **own)
 

@@ -21,6 +21,8 @@ from millcal.stages.forces.frf_of_modes import modal_error, modal_frf
 
 USUAL_HARMONICS = 4  # of the tooth passing: more say little, and their noise is the more
 FEWEST_SENSORS = 2
+SEEN = 9.0  # times its variance, from which a harmonic is one: noise gets there once in 8000
+CHANCE_OF_LINES = 2.0  # times sensors over lines: how far a covariance is drawn to its diagonal
 
 Note = Callable[..., None]  # takes code, sentence and level of a notice
 
@@ -65,11 +67,17 @@ class Problem:
 
 
 def problem_of(
-    cuts: Sequence[CutVibration], frf: Frf, harmonics: int | None, modes: Modes | None, note: Note
+    cuts: Sequence[CutVibration],
+    frf: Frf,
+    harmonics: int | None,
+    modes: Modes | None,
+    runout: bool,
+    note: Note,
 ) -> Problem:
     """Match sensors and axes, choose the lines, and take the FRF and all errors there.
 
     harmonics : of the tooth passing; None takes `USUAL_HARMONICS`, fewer where the FRF ends
+    runout : whether the harmonics of the spindle between those of the tooth passing are lines too
 
     Raises
     ------
@@ -78,7 +86,7 @@ def problem_of(
     """
     sensors = sensors_in_common(cuts, frf, note)
     axes, columns = axes_of(frf)
-    lines = lines_of(cuts, frf, harmonics, note)
+    lines = lines_of(cuts, frf, harmonics, runout, note)
     cut = np.array([number for number, _, _ in lines])
     order = np.array([k for _, k, _ in lines])
     frequency = np.array([f for _, _, f in lines])
@@ -103,9 +111,20 @@ def problem_of(
         matrix=matrix,
         error=error,
         measured=np.array([cuts[c].harmonics[own[c], k] for c, k, _ in lines]),
-        noise=np.array([cuts[c].covariance[k][np.ix_(own[c], own[c])] for c, k, _ in lines]),
+        noise=np.array(
+            [_shrunk(cuts[c].covariance[k][np.ix_(own[c], own[c])], cuts[c].lines_between[k]) for c, k, _ in lines]
+        ),
         frf_variance=variance,
     )
+
+
+def _shrunk(covariance: np.ndarray, lines: float) -> np.ndarray:
+    """A covariance of few lines, drawn towards its diagonal: its inverse would believe in what chance made small.
+
+    covariance : complex (sensor, sensor), the mean over `lines` lines
+    """
+    share = min(1.0, CHANCE_OF_LINES * len(covariance) / max(float(lines), 1.0))
+    return np.asarray((1 - share) * covariance + share * np.diag(np.diag(covariance)))
 
 
 def _turned(error: MatrixError, signs: np.ndarray | float) -> MatrixError:
@@ -178,20 +197,20 @@ def axes_of(frf: Frf) -> tuple[tuple[str, ...], list[int]]:
     return axes, [own[axis] for axis in axes]
 
 
-def lines_of(cuts: Sequence[CutVibration], frf: Frf, harmonics: int | None, note: Note) -> list[tuple[int, int, float]]:
+def lines_of(
+    cuts: Sequence[CutVibration], frf: Frf, harmonics: int | None, runout: bool, note: Note
+) -> list[tuple[int, int, float]]:
     """The lines: cut, order of the spindle, frequency in Hz; those that the FRF covers and the cut holds."""
     low, high = frf.usable_band
     lines, beyond = [], []
     for number, cut in enumerate(cuts):
-        wanted = harmonics or USUAL_HARMONICS
         found = [
-            (number, int(order), order * cut.spindle_frequency)
-            for order in orders_of(cut.cutter, wanted)
+            (number, order, order * cut.spindle_frequency)
+            for order in force_orders(cut.cutter, harmonics or USUAL_HARMONICS, runout)
             if order < cut.harmonics.shape[1]
         ]
         inside = [line for line in found if max(low, 1e-9) <= line[2] <= high]
-        if len(inside) < len(found):
-            beyond += [line[2] for line in found if line not in inside]
+        beyond += [line[2] for line in found if line not in inside]
         if not inside:
             f = cut.cutter.teeth * cut.spindle_frequency
             raise IllPosedError(
@@ -209,9 +228,33 @@ def lines_of(cuts: Sequence[CutVibration], frf: Frf, harmonics: int | None, note
     return lines
 
 
-def tooth_passing(cutter: Cutter, order: np.ndarray) -> np.ndarray:
-    """Harmonics of the tooth passing, whole or not.   order : of the spindle"""
-    return np.asarray(order) / cutter.teeth
+def force_orders(cutter: Cutter, harmonics: int, runout: bool) -> list[int]:
+    """Harmonics of the spindle that tell of the cutting force.
+
+    The first is the spindle's own as well: every rotor has some unbalance, which acts elsewhere. So it is left out unless it
+    is that of the tooth passing.
+    """
+    orders = np.arange(1, harmonics * cutter.teeth + 1) if runout else orders_of(cutter, harmonics)
+    return [int(order) for order in orders if order > 1 or cutter.teeth == 1]
+
+
+def runout_seen(cuts: Sequence[CutVibration]) -> float:
+    """Amplitude of the harmonics of the spindle between those of the tooth passing over theirs, where it is no noise.
+
+    The first harmonic does not count: see `force_orders`.
+    """
+    shares = [0.0]
+    for cut in cuts:
+        teeth = cut.cutter.teeth
+        order = np.arange(2, min(cut.harmonics.shape[1], 2 * teeth + 2))
+        between, passing = order[order % teeth != 0], order[order % teeth == 0]
+        if not len(between) or not len(passing):
+            continue
+        noise = np.einsum("kss->ks", cut.covariance[between]).real
+        power = np.abs(cut.harmonics[:, between].T) ** 2
+        excess = np.sum(np.where(power > SEEN * noise, power, 0.0))
+        shares.append(float(np.sqrt(excess / max(np.sum(np.abs(cut.harmonics[:, passing]) ** 2), 1e-300))))
+    return max(shares)
 
 
 def notice_collector(where: str) -> tuple[list[Notice], Note]:
