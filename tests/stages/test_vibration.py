@@ -144,6 +144,18 @@ def test_a_speed_half_a_per_cent_off_is_found():
     assert "speed-off" in codes(conditioned(cut(spindle=1.02 * SPINDLE, noise=0.3)))
 
 
+def test_a_sensor_that_rattles_does_not_drown_the_others():
+    recording = cut(spindle=1.005 * SPINDLE, noise=0.1)
+    plain = conditioned(recording)
+    rattle = 100.0 * np.random.default_rng(9).standard_normal(5000)
+    result = conditioned(with_row(recording, 2, recording.samples[2] + rattle), steady=(0.0, 1.0))
+    assert result.spindle_frequency == pytest.approx(1.005 * SPINDLE, rel=2e-5)
+    assert result.harmonics[:2, 2] == pytest.approx(plain.harmonics[:2, 2], rel=5e-3)
+    assert result.covariance[2, 0, 0] == pytest.approx(plain.covariance[2, 0, 0], rel=0.5)
+    assert result.asynchronous_rms[2] == pytest.approx(100.0, rel=0.1)
+    assert "asynchronous" in codes(result)
+
+
 def test_the_cut_is_found_between_air_and_the_noise_of_the_sensors():
     result = conditioned(cut(air=0.5, noise=0.2))
     assert result.steady == pytest.approx((0.5, 1.5), abs=2 / SPINDLE)

@@ -29,14 +29,16 @@ class Sensors(NamedTuple):
         scale: float,
         level: np.ndarray | float = 0.0,
         drift: np.ndarray | float = 0.0,
+        size: np.ndarray | float = 1.0,
     ) -> Reader:
         """A reader of the vibrations less level + drift n, as accelerations if all were at one angular frequency.
 
         scale : that frequency, rad/s   level : (sensor,) m/s^2   drift : (sensor,) m/s^2 per sample
+        size : (sensor,) m/s^2, what is read as 1
         """
-        rows, gain = self.rows, (self.signs * scale**self.powers)[:, np.newaxis]
-        slope = np.broadcast_to(drift, len(rows))[:, np.newaxis]
-        origin = np.broadcast_to(level, len(rows))[:, np.newaxis]
+        rows, gain = self.rows, (self.signs * scale**self.powers / size)[:, np.newaxis]
+        slope = np.broadcast_to(drift / np.asarray(size), len(rows))[:, np.newaxis]
+        origin = np.broadcast_to(level / np.asarray(size), len(rows))[:, np.newaxis]
 
         def read(start: int, stop: int) -> np.ndarray:
             samples = np.asarray(recording.block(start, stop, rows)) * gain

@@ -3,7 +3,8 @@
 What accelerometers say of the force they say at the spindle's harmonics alone: their mean and slow drift are the sensor's
 own. How wrong the harmonics are is read from the spectral lines between them, sensor against sensor, because what a
 machine does of its own reaches all sensors at once. Velocities and displacements become accelerations harmonic by
-harmonic; where samples of several quantities are added or drawn, they are scaled as at the tooth passing.
+harmonic; where samples of several quantities are added or drawn, they are scaled as at the tooth passing. Every sensor has
+an equal say in the speed, so that one that rattles does not drown the others.
 """
 
 from collections.abc import Callable
@@ -77,7 +78,8 @@ def condition_vibration(
         survey = survey_record(sensors.reader(recording, scale), length, rate / stated)
     findings.note_clipping(recording, sensors.rows, start, stop, note, sensors.names)
     level, drift = _trend(survey, start, stop)
-    read = sensors.reader(recording, scale, level, drift)
+    size = _spread(survey, start, stop)
+    read = sensors.reader(recording, scale, level, drift, size)
     read = spectra.buffered(read, stop, block_size(stop - start, len(sensors.rows)))
 
     tell(0.3, "spindle speed")
@@ -106,9 +108,11 @@ def condition_vibration(
     seen = min(max(6, 2 * recording.cutter.teeth), analysed)  # higher ones lose sight of a spindle that wanders far
     findings.note_wander(spindle.each_revolution(read, start, end, cycle, fitted[:, : seen + 1]), seen, note)
     turn = 2 * np.pi * rate / scale  # what a signal differentiated gains, by cycles per sample
-    ac_rms, asynchronous_rms = _powers(between, turn, sensors.powers, cycle, fitted)
+    ac_rms, asynchronous_rms = (size * rms for rms in _powers(between, turn, sensors.powers, cycle, fitted))
     lines = [
-        line._replace(amplitude=line.amplitude * (turn * line.frequency) ** sensors.powers[line.channel])
+        line._replace(
+            amplitude=line.amplitude * size[line.channel] * (turn * line.frequency) ** sensors.powers[line.channel]
+        )
         for line in lines
     ]
     peaks = findings.peaks_of(lines, sensors.dofs, ac_rms, rate)
@@ -118,10 +122,10 @@ def condition_vibration(
     tell(0.9, "angle")
     reference = angle_reference(recording, cut, (cycle, cycle_sd), spindle_phase, note)
     order = np.arange(saved + 1)
-    differentiated = (1j * turn * cycle * order) ** sensors.powers[:, np.newaxis]  # (sensor, harmonic)
-    found = spectra.turned(fitted[:, : saved + 1], reference.phase) * differentiated
+    gain = size[:, np.newaxis] * (1j * turn * cycle * order) ** sensors.powers[:, np.newaxis]  # (sensor, harmonic)
+    found = spectra.turned(fitted[:, : saved + 1], reference.phase) * gain
     found[:, 0] = 0.0
-    covariance = noise.covariance * np.einsum("ak,bk->kab", differentiated, differentiated.conj())
+    covariance = noise.covariance * np.einsum("ak,bk->kab", gain, gain.conj())
     if reference.source == "stated":  # else whoever fits the constant fits this error with it
         covariance += np.einsum("k,ak,bk->kab", (order * reference.sd) ** 2, found, found.conj())
     tell(1.0, "conditioned")
@@ -161,6 +165,14 @@ def _trend(survey: Survey, start: int, stop: int) -> tuple[np.ndarray, np.ndarra
     return mean.mean(axis=1) - drift * centre, drift
 
 
+def _spread(survey: Survey, start: int, stop: int) -> np.ndarray:
+    """How far each sensor usually swings in the cut, m/s^2; 1 for one that hardly ever does.   returns (sensor,)"""
+    inside = (survey.time >= start) & (survey.time < stop)
+    swing = (survey.high - survey.low)[:, inside] if inside.any() else survey.high - survey.low
+    usual = np.nanmedian(swing, axis=1)
+    return np.where(usual > 0, usual, 1.0)
+
+
 def _between(
     read: Reader, cut: Samples, cycle: float, fitted: np.ndarray, highest: int, revolutions: int
 ) -> ResidualSpectra:
@@ -189,7 +201,7 @@ def _between(
 def _powers(
     between: ResidualSpectra, turn: float, powers: np.ndarray, cycle: float, fitted: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rms of the accelerations, and of what in them does not follow the spindle, both (sensor,) m/s^2.
+    """Rms of the accelerations, and of what in them does not follow the spindle, both (sensor,) in the unit read.
 
     Lines near a multiple of the spindle stand for noise like the others, whether the multiple was fitted or not. A noise
     that is to be differentiated grows without end: it counts up to the highest harmonic that was fitted.
