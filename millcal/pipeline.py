@@ -56,6 +56,7 @@ from millcal.stages.conditioning.samples import sample_cut
 from millcal.stages.conditioning.vibration import condition_vibration
 from millcal.stages.forces import reconstruct_forces
 from millcal.stages.forces.advice import advise_speeds
+from millcal.stages.forces.problem import spindle_harmonics
 from millcal.stages.frf import estimate_frf
 from millcal.stages.modes import corrected_frf, fit_modes
 from millcal.stages.stability import map_stability
@@ -223,7 +224,7 @@ def _conditioned(recipe: Recipe, recording: Recording, progress: Progress) -> Cu
     """What the recipe's method takes of a cut."""
     options = recipe.conditioning
     if recipe.forces is not None:
-        needed = (recipe.forces.harmonics or 0) * recording.cutter.teeth
+        needed = spindle_harmonics(recording.cutter, recipe.forces.harmonics)
         return condition_vibration(recording, harmonics=max(options.harmonics, needed), progress=progress)
     if follows(recipe.coefficients.method):
         return sample_cut(recording, offset=options.offset, progress=progress)

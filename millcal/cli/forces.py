@@ -13,6 +13,7 @@ from millcal.cli.vibration_input import hear_cuts, read_dynamics
 # those of the stage, which --help must not import; a test keeps them equal
 METHODS = ("gtls", "rtls", "constrained-ls", "tikhonov", "tls", "ls")
 PHASES = ("auto", "fit", "known")
+RUNOUTS = ("auto", "fit", "known")
 WEIGHTS = ("gcv", "l-curve", "discrepancy")
 FIGURES = (".png", ".svg", ".pdf")
 
@@ -53,6 +54,12 @@ def forces(
             "--phase", help="Angle of tooth 0: fit, known (as stated), or auto: one that is stated holds to 3 degrees."
         ),
     ] = "auto",
+    runout: Annotated[
+        str,
+        typer.Option(
+            "--runout", help="Runout: fit, known (the cutter's own, also none), or auto: fitted where it is seen."
+        ),
+    ] = "auto",
     spindle_phase_deg: Annotated[
         list[float] | None,
         typer.Option(
@@ -91,6 +98,7 @@ def forces(
     recordings = recordings or []
     _choice("--method", method, METHODS)
     _choice("--phase", phase, PHASES)
+    _choice("--runout", runout, RUNOUTS)
     weight = _weight(regularization)
     if regularization != "gcv" and method != "tikhonov":
         raise typer.BadParameter(f"goes with --method tikhonov, not {method}", param_hint="--regularization")
@@ -137,6 +145,7 @@ def forces(
                 harmonics=harmonics,
                 modes=fitted,
                 phase=phase,
+                runout=runout,
                 regularization=weight,
                 slack=slack,
                 progress=lambda share, label: progress(0.6 + 0.3 * share, label),

@@ -24,6 +24,7 @@ def hear_cuts(
     how : map, units, rate_hz, as of `read_recording`
     """
     from millcal.stages.conditioning.vibration import condition_vibration
+    from millcal.stages.forces.problem import spindle_harmonics
     from millcal.units import from_shop
 
     cuts, notices = [], []
@@ -40,14 +41,9 @@ def hear_cuts(
             **how,
         )
         notices += recording.notices
-        needed = (harmonics or 0) * recording.cutter.teeth
-        more = {"harmonics": needed} if needed > SPINDLE_HARMONICS else {}
-        cuts.append(condition_vibration(recording, **more))
+        cuts.append(condition_vibration(recording, harmonics=spindle_harmonics(recording.cutter, harmonics)))
         notices += cuts[-1].notices
     return cuts, notices
-
-
-SPINDLE_HARMONICS = 30  # that conditioning keeps unless more are asked for
 
 
 def read_dynamics(frf: Path, modes: Path | None) -> tuple[Any, Any, list[Any]]:

@@ -69,6 +69,12 @@ def _what_it_rests_on(forces: ForceHarmonics, s: Mapping[str, Any]) -> list[str]
             f"; regularization {cell(regularization)} (m/s^2)/N from {s['regularization_from'] or 'the recipe'}"
         )
     lines += [conditioned, _phase(s)]
+    if s["runout"] is not None:
+        told = [
+            f"{name} {cell(s['runout'][f'{name}_um'])} ({interval(s['runout'][f'{name}_um_ci95'])})"
+            for name in ("c0", "s0")
+        ]
+        lines.append(f"runout, um: {', '.join(told)}")
     silent = [
         f"{sensor['dof']} ({cell(100 * sensor['share'])} %)"
         for sensor in s["sensors"]

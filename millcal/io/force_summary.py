@@ -53,6 +53,7 @@ def summarise_forces(forces: ForceHarmonics) -> dict[str, Any]:
             for low, high, sd in zip(sided["low"], sided["high"], forces.phase_sd, strict=True)
         ],
         "phase_from": forces.phase_from,
+        "runout": _runout(forces),
         "frf_from": forces.frf_from,
         "compared": _compared(forces),
         "recommended": forces.recommended,
@@ -65,6 +66,17 @@ def summarise_forces(forces: ForceHarmonics) -> dict[str, Any]:
         ],
         "advice": None if forces.advice is None else summarise_advice(forces.advice),
     }
+
+
+def _runout(forces: ForceHarmonics) -> dict[str, Any] | None:
+    """c0 and s0 that were fitted, with their intervals; None where they were not."""
+    if forces.runout is None or forces.runout_sd is None:
+        return None
+    told: dict[str, Any] = {}
+    for name, value, sd in zip(("c0", "s0"), forces.runout, forces.runout_sd, strict=True):
+        told[f"{name}_um"] = shop(value, "x_um")
+        told[f"{name}_um_ci95"] = [shop(value - _NORMAL * sd, "x_um"), shop(value + _NORMAL * sd, "x_um")]
+    return told
 
 
 def coefficients_of(forces: ForceHarmonics) -> dict[str, Any]:

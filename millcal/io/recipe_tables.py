@@ -200,6 +200,11 @@ class ForcesTable(Table):
         description="angle of tooth 0: fit it with the coefficients, take the stated one for known, or auto: one that is "
         "stated holds to 3 degrees, one that is not is fitted",
     )
+    runout: Literal["auto", "fit", "known"] = Field(
+        "auto",
+        description="fit the runout with the coefficients, take the cutter's own for known, also where that is none, or auto: "
+        "it is fitted where the harmonics of the spindle show it and the cutter has none stated",
+    )
     regularization: Literal["gcv", "l-curve", "discrepancy"] | Positive = Field(
         "gcv", description="where the weight comes from, or the weight itself in (m/s^2)/N (tikhonov)"
     )

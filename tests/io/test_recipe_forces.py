@@ -43,7 +43,7 @@ def test_the_table_or_the_method_of_the_coefficients_sends_the_cuts_through_the_
 def test_without_a_table_the_options_are_the_defaults(tmp_path):
     assert read(tmp_path, CUTS + IMPACT + GTLS).forces == ForcesTable()
     assert ForcesTable(slack_N=3.0).arguments()["slack"] == 3.0
-    assert set(ForcesTable().arguments()) == {"method", "harmonics", "phase", "regularization", "slack"}
+    assert set(ForcesTable().arguments()) == {"method", "harmonics", "phase", "runout", "regularization", "slack"}
 
 
 def test_an_frf_of_a_file_is_one_of_the_files_that_the_recipe_reads(tmp_path):

@@ -164,6 +164,21 @@ def window_correlation(test: HitSpectra, frequency: np.ndarray) -> np.ndarray:
     return ((turn @ square) / square.sum())[place].reshape(len(frequency), len(frequency))
 
 
+def independent_lines(variance: np.ndarray, frf: Frf, frequency: np.ndarray) -> np.ndarray:
+    """Errors of the entries apart from each other, alike only at lines that are one.
+
+    variance : (line, row, column)   returns (column, line, row, line, row)
+    """
+    lines, rows, columns = variance.shape
+    root = np.sqrt(variance)
+    alike = _triangle(frf, frequency)
+    shared = np.zeros((columns, lines, rows, lines, rows), complex)
+    at = np.arange(rows)
+    for c in range(columns):
+        shared[c][:, at, :, at] = alike * np.einsum("ls,ms->slm", root[:, :, c], root[:, :, c])
+    return shared
+
+
 def _triangle(frf: Frf, frequency: np.ndarray) -> np.ndarray:
     """Correlation of lines of an FRF of which only the lines are known: one line apart is independent."""
     step = frf.frequency[1] - frf.frequency[0]

@@ -1,8 +1,8 @@
 """The FRF of fitted modes at the lines of cuts, and its errors: those of frequencies, damping and residues, shared by all lines.
 
 Modes know the FRF better than any line of it where they are all there is: three of them take a tenth of the error of H1. Where
-the structure has modes that the fit has not, their FRF is wrong by more than its noise says, so a check against the
-measured one belongs to it.
+the structure has modes that the fit has not, their FRF is wrong by more than its noise says: what they miss of the
+measured one about a line, beyond its noise, is an error of that line.
 """
 
 from collections.abc import Sequence
@@ -12,8 +12,9 @@ import numpy as np
 from millcal.data import Frf, ModalFit, Modes
 from millcal.errors import IllPosedError
 from millcal.numerics.errors_in_variables import MatrixError
-from millcal.physics.structure import convert_frf, modal_receptance
+from millcal.physics.structure import convert_frf, convert_frf_variance, modal_receptance
 
+NEIGHBOURS = 6  # lines of the FRF to either side, over which what the modes miss is averaged
 OFF = 3.0  # times the deviation that noise lets expect, rms over the lines: beyond, the modes are not the structure
 
 
@@ -55,6 +56,34 @@ def modal_error(
     return MatrixError(deviations=deviations), np.sum(np.abs(deviations) ** 2, axis=0)
 
 
+def missed(frf: Frf, modes: Modes, frequency: np.ndarray, sensors: Sequence[str], inputs: Sequence[str]) -> np.ndarray:
+    """Variance of what the modes miss of the measured FRF about each line, beyond its noise: modes that the fit has not.
+
+    returns (line, sensor, input)
+    """
+    step = frf.frequency[1] - frf.frequency[0]
+    rows, _ = _places(sensors, frf.outputs, "sensors")
+    columns, _ = _places(inputs, frf.inputs, "inputs")
+    near = np.flatnonzero(
+        (frf.frequency > 0)
+        & (frf.frequency >= frequency.min() - NEIGHBOURS * step)
+        & (frf.frequency <= frequency.max() + NEIGHBOURS * step)
+    )
+    at = frf.frequency[near]
+    names_out, names_in = [frf.outputs[row] for row in rows], [frf.inputs[column] for column in columns]
+    own = modal_frf(modes, at, [name.lstrip("+-") for name in names_out], [name.lstrip("+-") for name in names_in])
+    row_sign = np.array([-1.0 if name.startswith("-") else 1.0 for name in names_out])
+    column_sign = np.array([-1.0 if name.startswith("-") else 1.0 for name in names_in])
+    measured = convert_frf(at, frf.values[near][:, rows][:, :, columns], frf.form, "accelerance")
+    off = np.abs(measured * np.outer(row_sign, column_sign) - own) ** 2
+    if frf.variance is not None:
+        noise = np.nan_to_num(frf.variance[near][:, rows][:, :, columns])
+        off = off - convert_frf_variance(at, noise, frf.form, "accelerance")
+    windows = np.abs(frequency[:, None] - at) <= (NEIGHBOURS + 0.5) * step  # (line, near)
+    mean = np.einsum("ln,nsd->lsd", windows, off) / windows.sum(axis=1)[:, None, None]
+    return np.asarray(np.maximum(mean, 0.0))
+
+
 def _fit_of(modes: Modes) -> ModalFit:
     if modes.fit is None:
         raise IllPosedError(
@@ -92,19 +121,6 @@ def _places(dofs: Sequence[str], among: Sequence[str], what: str) -> tuple[list[
     return places, np.array([-1.0 if among[place].startswith("-") else 1.0 for place in places])
 
 
-def disagreement(measured: np.ndarray, modal: np.ndarray, variance: np.ndarray) -> float:
-    """How far the modes are off the measured FRF at the lines, in its deviations, rms.   all (line, sensor, axis)"""
-    return float(np.sqrt(np.mean(np.abs(measured - modal) ** 2 / np.maximum(variance, 1e-300))))
-
-
 def relative_disagreement(measured: np.ndarray, modal: np.ndarray) -> float:
     """The same over the size of the FRF."""
     return float(np.linalg.norm(measured - modal) / np.linalg.norm(measured))
-
-
-def why_not(frf: Frf, modes: Modes) -> str:
-    """What keeps modes from standing for the FRF; empty where nothing does."""
-    if modes.fit is None:
-        return "they were given by hand, without shapes at the sensors"
-    missing = {dof.lstrip("+-") for dof in frf.inputs} - {dof.lstrip("+-") for dof in modes.fit.inputs}
-    return f"they were fitted without {', '.join(sorted(missing))}" if missing else ""

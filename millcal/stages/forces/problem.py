@@ -16,11 +16,12 @@ from millcal.errors import IllPosedError
 from millcal.numerics.errors_in_variables import MatrixError
 from millcal.physics.cutter import Cutter
 from millcal.physics.force_subspace import orders_of
-from millcal.stages.forces.frf_errors import frf_at, measured_error
-from millcal.stages.forces.frf_of_modes import modal_error, modal_frf
+from millcal.stages.forces.frf_errors import frf_at, independent_lines, measured_error
+from millcal.stages.forces.frf_of_modes import missed, modal_error, modal_frf
 
 USUAL_HARMONICS = 4  # of the tooth passing: more say little, and their noise is the more
 FEWEST_SENSORS = 2
+KEPT = 30  # harmonics of the spindle, at least
 SEEN = 9.0  # times its variance, from which a harmonic is one: noise gets there once in 8000
 CHANCE_OF_LINES = 2.0  # times sensors over lines: how far a covariance is drawn to its diagonal
 
@@ -96,7 +97,11 @@ def problem_of(
         error, variance = measured_error(frf, frequency, rows, columns, matrix, note)
     else:
         matrix = modal_frf(modes, frequency, sensors, [frf.inputs[c] for c in columns])
-        error, variance = modal_error(modes, frequency, sensors, [frf.inputs[c] for c in columns])
+        inputs = [frf.inputs[c] for c in columns]
+        error, variance = modal_error(modes, frequency, sensors, inputs)
+        beyond = missed(frf, modes, frequency, sensors, inputs)
+        error = error._replace(shared=independent_lines(beyond, frf, frequency))
+        variance = variance + beyond
     signs = 1.0 if modes is not None else row_sign[:, None] * signed_places(axes_dofs(frf, columns), frf.inputs)[1]
     matrix = matrix * signs
     error = _turned(error, signs)
@@ -236,6 +241,11 @@ def force_orders(cutter: Cutter, harmonics: int, runout: bool) -> list[int]:
     """
     orders = np.arange(1, harmonics * cutter.teeth + 1) if runout else orders_of(cutter, harmonics)
     return [int(order) for order in orders if order > 1 or cutter.teeth == 1]
+
+
+def spindle_harmonics(cutter: Cutter, harmonics: int | None) -> int:
+    """Harmonics of the spindle that conditioning has to keep for so many of the tooth passing."""
+    return max(KEPT, (harmonics or USUAL_HARMONICS) * cutter.teeth)
 
 
 def runout_seen(cuts: Sequence[CutVibration]) -> float:
