@@ -20,13 +20,14 @@ class Look(NamedTuple):
     color: str
     marker: str
     line: str = "-"
+    size: float = 3.2  # pt, of the marker
 
 
 LOOKS = (  # after Okabe & Ito, darkened until thin lines stand out from white
     Look("#58616d", "o"),
     Look("#58616d", "x", ":"),
     Look("#b07d00", "s", "--"),
-    Look("#b07d00", "+", ":"),
+    Look("#b07d00", "+", ":", 7.0),  # two ways to choose one weight: seldom apart, so this reaches beyond the other
     Look("#c2410c", "^"),
     Look("#7b2f8f", "v", "--"),
     Look("#0b5cad", "D"),
@@ -70,7 +71,7 @@ def errors(
             seen = np.where(course > SMALLEST, course, np.nan)
             (entries[method],) = panel.plot(
                 x, seen, color=look.color, linestyle=look.line, linewidth=0.9,
-                marker=look.marker, markersize=3.2, markeredgewidth=0.7, zorder=3,
+                marker=look.marker, markersize=look.size, markeredgewidth=0.7, zorder=3,
             )  # fmt: skip
         margin = 0.04 * np.ptp(x)
         span = (x[0] / 1.1, x[-1] * 1.1) if log else (float(x[0] - margin), float(x[-1] + margin))
