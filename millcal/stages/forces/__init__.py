@@ -22,7 +22,7 @@ from millcal.physics.force_subspace import NAMES, harmonic_basis
 from millcal.stages.forces import methods
 from millcal.stages.forces.advice import advise_speeds
 from millcal.stages.forces.fit import LawFit, fit_law
-from millcal.stages.forces.judge import judge, line_condition
+from millcal.stages.forces.judge import MUCH, judge, line_condition
 from millcal.stages.forces.law import UNITS, Law, law_of
 from millcal.stages.forces.methods import Reconstruction, coefficients_from_force, solver, system_of
 from millcal.stages.forces.problem import Problem, notice_collector, problem_of, runout_seen
@@ -33,6 +33,7 @@ PHASES = ("auto", "fit", "known")
 RUNOUTS = ("auto", "fit", "known")
 RUNOUT_SEEN = 0.01  # amplitude between the harmonics of the tooth passing over theirs
 ANGLES = 360
+WIDENED = 1.2  # chi-square per degree of freedom from which it is said that the intervals are wider for it
 LAW_ORDERS = 120  # harmonics of the spindle in the law's own force, for the drawing
 NORMAL = 1.959964  # quantile of 95 %
 NEEDED = {"x": ("Ktc", "Krc", "Kte", "Kre"), "y": ("Ktc", "Krc", "Kte", "Kre"), "z": ("Kac", "Kae")}
@@ -99,10 +100,9 @@ def reconstruct_forces(
     values, covariance = _coefficients(chosen, fitted, turned, method)
     names = tuple(NAMES[i] for i in law.known)
     scale = max(1.0, judged.chi2 / judged.dof) if judged.dof > 0 else 1.0
-    if scale > 1.2:
-        note(
-            "intervals-widened", f"the residuals are {np.sqrt(scale):.2g} times what is expected: so are the intervals"
-        )
+    if scale > WIDENED:
+        said = f"the residuals are {np.sqrt(scale):.2g} times what is expected: so are the intervals"
+        note("intervals-widened", said, "note" if scale < MUCH else "warning")
     compared = [_told(name, answers, fitted, turned, law, scale) for name in methods.NAMES]
     own = np.array(law.known, int)
     sd = np.sqrt(np.maximum(scale * np.diag(covariance)[own], 0.0))

@@ -16,7 +16,7 @@ from millcal.errors import IllPosedError
 from millcal.numerics.errors_in_variables import MatrixError
 from millcal.physics.cutter import Cutter
 from millcal.physics.force_subspace import orders_of
-from millcal.stages.forces.frf_errors import frf_at, independent_lines, measured_error
+from millcal.stages.forces.frf_errors import BENT, frf_at, independent_lines, measured_error
 from millcal.stages.forces.frf_of_modes import missed, modal_error, modal_frf
 
 USUAL_HARMONICS = 4  # of the tooth passing: more say little, and their noise is the more
@@ -99,7 +99,8 @@ def problem_of(
         matrix = modal_frf(modes, frequency, sensors, [frf.inputs[c] for c in columns])
         inputs = [frf.inputs[c] for c in columns]
         error, variance = modal_error(modes, frequency, sensors, inputs)
-        beyond = missed(frf, modes, frequency, sensors, inputs)
+        bent = BENT**2 * np.mean(np.abs(matrix) ** 2, axis=1, keepdims=True)
+        beyond = missed(frf, modes, frequency, sensors, inputs) + bent
         error = error._replace(shared=independent_lines(beyond, frf, frequency))
         variance = variance + beyond
     signs = 1.0 if modes is not None else row_sign[:, None] * signed_places(axes_dofs(frf, columns), frf.inputs)[1]
