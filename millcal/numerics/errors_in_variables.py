@@ -35,6 +35,9 @@ STEPS = 60
 CLOSE = 1e-10  # relative change of the quadratic form at which it is at its minimum
 
 WORST = 1e12  # condition number of the scaled information beyond which nothing is told
+RUN_AWAY = (
+    1e3  # times the size of f at the start: C grows with f, so that the quadratic form has a finite limit far away
+)
 NOT_APART = "the lines do not tell the unknowns apart; use more of them"
 
 Model = Callable[
@@ -142,6 +145,7 @@ def fit_errors_in_variables(
         return _look(matrix, measured, noise, error, model, theta, mean, precision)
 
     state, damping, converged = look(np.array(start, float)), 0.0, False
+    size = float(np.linalg.norm(state.values)) + float(np.linalg.norm(measured) / np.linalg.norm(matrix))
     for _ in range(STEPS):
         normal, scale = _information(state, precision)
         pull = state.pull
@@ -159,6 +163,11 @@ def fit_errors_in_variables(
             converged = promised <= 1e-6 * max(state.chi2, 1.0)
             break
         state = trial
+        if float(np.linalg.norm(state.values)) > RUN_AWAY * size:
+            raise IllPosedError(
+                "the fit runs away: large unknowns explain the data by errors of the matrix alone; use more lines, or a start "
+                "by weighted least squares"
+            )
         damping = 0.0 if damping < 1e-3 else damping / 8
         if gain <= CLOSE * state.chi2 or promised <= 1e-12:
             converged = True
