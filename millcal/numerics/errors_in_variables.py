@@ -34,11 +34,13 @@ FLOOR = 1e-6  # of the mean variance, added to each: without noise in the data t
 STEPS = 60
 CLOSE = 1e-10  # relative change of the quadratic form at which it is at its minimum
 
+BEYOND = 100.0  # times f at the start: there the quadratic form has no minimum but a limit
 WORST = 1e12  # condition number of the scaled information beyond which nothing is told
 RUN_AWAY = (
     1e3  # times the size of f at the start: C grows with f, so that the quadratic form has a finite limit far away
 )
 NOT_APART = "the lines do not tell the unknowns apart; use more of them"
+NO_MINIMUM = "the errors that the matrix may have explain the data the better, the larger the unknowns are"
 
 Model = Callable[
     [np.ndarray], tuple[np.ndarray, np.ndarray]
@@ -127,17 +129,19 @@ def fit_errors_in_variables(
     start: np.ndarray,
     *,
     prior: tuple[np.ndarray, np.ndarray] | None = None,
+    steps: int = STEPS,
 ) -> Fit:
     """The theta whose f(theta) explains the data best when matrix and data both have errors.
 
     matrix : A, complex (line, row, column)   measured : y, complex (line, row)
     noise : E[e e^H], complex (line, row, row)   start : theta, (p,)
     prior : what is known of theta beforehand, mean (p,) and precision (p,); precision 0 where nothing is
+    steps : at most; 0 tells everything about the start
 
     Raises
     ------
     IllPosedError
-        The data do not determine theta near the start.
+        The data do not determine theta near the start, or contradict the matrix so much that there is no minimum.
     """
     mean, precision = prior if prior is not None else (np.zeros(len(start)), np.zeros(len(start)))
 
@@ -146,7 +150,8 @@ def fit_errors_in_variables(
 
     state, damping, converged = look(np.array(start, float)), 0.0, False
     size = float(np.linalg.norm(state.values)) + float(np.linalg.norm(measured) / np.linalg.norm(matrix))
-    for _ in range(STEPS):
+    furthest = BEYOND * np.abs(state.values).max()
+    for _ in range(steps):
         normal, scale = _information(state, precision)
         pull = state.pull
         while True:
@@ -163,6 +168,8 @@ def fit_errors_in_variables(
             converged = promised <= 1e-6 * max(state.chi2, 1.0)
             break
         state = trial
+        if np.abs(state.values).max() > furthest > 0:
+            raise IllPosedError(NO_MINIMUM)
         if float(np.linalg.norm(state.values)) > RUN_AWAY * size:
             raise IllPosedError(
                 "the fit runs away: large unknowns explain the data by errors of the matrix alone; use more lines, or a start "

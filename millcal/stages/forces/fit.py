@@ -9,7 +9,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from millcal.numerics.errors_in_variables import Fit, fit_errors_in_variables, parts, residual_covariance
+from millcal.errors import IllPosedError
+from millcal.numerics.errors_in_variables import STEPS, Fit, fit_errors_in_variables, parts, residual_covariance
 from millcal.stages.forces.law import USUAL_RUNOUT, Law
 from millcal.stages.forces.problem import Problem
 
@@ -29,7 +30,7 @@ class LawFit:
     law: Law
     phases: np.ndarray  # (cut,) rad
     phase_sd: np.ndarray  # (cut,); 0 where it was not fitted
-    common_phase: tuple[float, float] | None  # rad, of the first cut's pulse, encoder or start, and its deviation
+    common_phase: tuple[float, float] | None  # rad, of the cuts that count as the first one does, and its deviation
     runout: tuple[float, float] | None  # m, c0 and s0
     runout_sd: tuple[float, float] | None
     ambiguous: tuple[float, ...]  # rad: other angles of the first cut that are as good
@@ -77,7 +78,7 @@ def fit_law(problem: Problem, law: Law) -> LawFit:
         for other in own[1:]:
             trials.append(np.where(np.arange(angles) == i, other, first))
     weighted = Weighted(problem)
-    found = [_follow(problem, weighted, law, trial) for trial in trials]
+    found = _minima(problem, weighted, law, trials)
     scores = [_score(fit, law) for fit in found]
     best = found[int(np.argmin(scores))]
     if angles:
@@ -96,11 +97,17 @@ def fit_law(problem: Problem, law: Law) -> LawFit:
         law=law,
         phases=law.turns @ theta[own] if angles else np.zeros(len(law.turns)),
         phase_sd=np.sqrt(np.maximum(np.diag(spread), 0.0)),
-        common_phase=(float(theta[n]), float(np.sqrt(covariance[n, n]))) if angles else None,
+        common_phase=_common(law, theta[own], covariance[own, own]) if angles else None,
         runout=_pair(theta[end:] * USUAL_RUNOUT) if law.fits_runout else None,
         runout_sd=_pair(np.sqrt(np.diag(covariance)[end:]) * USUAL_RUNOUT) if law.fits_runout else None,
         ambiguous=tuple(others),
     )
+
+
+def _common(law: Law, angles: np.ndarray, covariance: np.ndarray) -> tuple[float, float]:
+    """The mean over the cuts that count from one pulse, and its deviation."""
+    share = law.turns[law.turns[:, 0] > 0].mean(axis=0)
+    return float(share @ angles), float(np.sqrt(share @ covariance @ share))
 
 
 def _pair(values: np.ndarray) -> tuple[float, float]:
@@ -121,7 +128,20 @@ def _wound(theta: np.ndarray, law: Law) -> np.ndarray:
     return wound
 
 
-def _follow(problem: Problem, weighted: Weighted, law: Law, angles: np.ndarray) -> Fit:
+def _minima(problem: Problem, weighted: Weighted, law: Law, trials: list[np.ndarray]) -> list[Fit]:
+    """The minima that trials lead to; where data and FRF contradict each other so much that there is none, the start, so
+    that the checks can say what is wrong.
+    """
+    found = []
+    for trial in trials:
+        try:
+            found.append(_follow(problem, weighted, law, trial))
+        except IllPosedError:
+            continue
+    return found or [_follow(problem, weighted, law, trials[0], steps=0)]
+
+
+def _follow(problem: Problem, weighted: Weighted, law: Law, angles: np.ndarray, steps: int = STEPS) -> Fit:
     """From some angles to the minimum, with the runout that suits them best at first."""
     n = law.sizes[0]
     tried = [np.zeros(2)]
@@ -144,6 +164,7 @@ def _follow(problem: Problem, weighted: Weighted, law: Law, angles: np.ndarray) 
         law.values,
         start,
         prior=(np.zeros(len(start)), law.precision),
+        steps=steps,
     )
 
 

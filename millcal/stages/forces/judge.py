@@ -2,7 +2,11 @@
 
 Two chi-squares tell what is wrong. With the force of every line free, the accelerations must lie where the FRF can move the
 sensors: more sensors than forces leave something over. If they do not, the FRF is of other points, or a sensor is wrong. If
-they do, and the law leaves much more, the force is none of this law: another engagement, another cutter, chatter.
+they do, and the law leaves much more, the force is none of this law: another engagement, another cutter, chatter. Few modes
+move the sensors the same few ways wherever they are hit, so a wrong FRF may show in the law alone.
+
+Where the law does not hold, its force is not there, and neither its residuals nor the weights that follow from it tell of
+sensors: those of the free force do.
 """
 
 from collections.abc import Sequence
@@ -13,9 +17,9 @@ import numpy as np
 
 from millcal.data import Check, Frf, Modes
 from millcal.errors import IllPosedError
-from millcal.numerics.errors_in_variables import parts
+from millcal.numerics.errors_in_variables import parts, residual_covariance
 from millcal.physics.force_subspace import NAMES
-from millcal.stages.forces.fit import LawFit, fit_law
+from millcal.stages.forces.fit import LawFit, fit_law, free_force
 from millcal.stages.forces.frf_errors import frf_at
 from millcal.stages.forces.frf_of_modes import OFF, relative_disagreement
 from millcal.stages.forces.law import BELIEVED, law_of
@@ -54,13 +58,19 @@ def judge(problem: Problem, fitted: LawFit, frf: Frf, modes: Modes | None, note:
     share = np.einsum("spq,pq->s", fit.information, fit.covariance)
     share = share / share.sum()
     residual = np.mean(np.abs(fit.residual) ** 2 / fit.expected, axis=0)
-    free, free_dof, force, deviation = _free(problem, fitted, range(len(problem.sensors)))
-    frf_check = _frf_check(problem, fitted, free, free_dof, residual)
-    law_check = _law_check(fitted, free, free_dof)
+    covariance = fit.residual_covariance
+    free = _free(problem, covariance, range(len(problem.sensors)))
+    law_check = _law_check(fitted, free)
+    if not law_check.passed:
+        covariance = residual_covariance(problem.noise, problem.error, free_force(problem))
+        free = _free(problem, covariance, range(len(problem.sensors)))
+    frf_check, culprit = _frf_check(problem, covariance, free)
     checks = [
         frf_check,
         law_check,
-        _sensor_check(problem, residual),
+        _sensor_check(problem, residual, 2 * len(problem.order), culprit)
+        if law_check.passed
+        else _sensor_check(problem, free.residual, free.dof // len(problem.sensors), culprit),
         _sign_check(fitted),
         _angle_check(problem, fitted, note),
         _precision_check(problem, fitted),
@@ -73,7 +83,7 @@ def judge(problem: Problem, fitted: LawFit, frf: Frf, modes: Modes | None, note:
     _tell_runout(problem, fitted, note)
     recommended, why = _recommended(frf_check.passed, law_check.passed)
     return Judgement(
-        _verdict(checks), tuple(checks), fit.chi2, fit.dof, residual, share, recommended, why, force, deviation
+        _verdict(checks), tuple(checks), fit.chi2, fit.dof, residual, share, recommended, why, free.force, free.sd
     )
 
 
@@ -100,15 +110,16 @@ class _Free(NamedTuple):
     dof: int
     force: np.ndarray  # complex (line, axis)
     sd: np.ndarray  # (line, axis)
+    residual: np.ndarray  # (sensor,), mean square over the expected one
 
 
-def _free(problem: Problem, fitted: LawFit, sensors: Sequence[int]) -> _Free:
-    """The force without the law by some sensors, weighted as at the law's fit."""
+def _free(problem: Problem, covariance: np.ndarray, sensors: Sequence[int]) -> _Free:
+    """The force without the law by some sensors.   covariance : of the parts of all residuals"""
     chosen = list(sensors)
     lines, rows, axes = problem.matrix.shape
     at = np.array([line * rows + row for line in range(lines) for row in chosen])
     at = np.concatenate([at, at + lines * rows])
-    root = np.linalg.cholesky(fitted.fit.residual_covariance[np.ix_(at, at)])
+    root = np.linalg.cholesky(covariance[np.ix_(at, at)])
     blocks = np.zeros((lines, len(chosen), lines, axes), complex)
     blocks[np.arange(lines), :, np.arange(lines), :] = problem.matrix[:, chosen]
     flat = blocks.reshape(lines * len(chosen), lines * axes)
@@ -117,63 +128,74 @@ def _free(problem: Problem, fitted: LawFit, sensors: Sequence[int]) -> _Free:
     solution = np.linalg.lstsq(A, y, rcond=None)[0]
     left = y - A @ solution
     n = lines * axes
-    variance = np.diag(np.linalg.pinv(A.T @ A, hermitian=True))
+    inverse = np.linalg.pinv(A.T @ A, hermitian=True)
+    variance = np.diag(inverse)
+    told = root @ A  # what the force explains is no residual
+    expected = np.diag(covariance)[at] - np.einsum("ip,pq,iq->i", told, inverse, told)
+    off = ((root @ left) ** 2).reshape(2, lines, -1).sum(axis=(0, 1))
     return _Free(
         chi2=float(left @ left),
         dof=2 * lines * (len(chosen) - axes),
         force=(solution[:n] + 1j * solution[n:]).reshape(lines, axes),
         sd=np.sqrt(np.maximum(variance[:n] + variance[n:], 0.0)).reshape(lines, axes),
+        residual=off / np.maximum(expected.reshape(2, lines, -1).sum(axis=(0, 1)), 1e-300),
     )
 
 
-def _frf_check(problem: Problem, fitted: LawFit, free: float, dof: int, residual: np.ndarray) -> Check:
+def _frf_check(problem: Problem, covariance: np.ndarray, free: _Free) -> tuple[Check, str]:
+    """The check, and the sensor without which it would be passed, if that is so of one."""
     sensors, axes = len(problem.sensors), len(problem.axes)
-    if dof <= 0:
+    if free.dof <= 0:
         message = f"{sensors} sensors and {axes} axes leave nothing over to check the FRF by; use more sensors"
-        return Check("frf", True, message)
-    size = np.sqrt(free / dof)
-    if not unlikely(free, dof):
-        return Check("frf", True, f"the FRF explains the accelerations: residual {size:.2g} times the expected one")
-    culprit = ""
+        return Check("frf", True, message), ""
+    size = np.sqrt(free.chi2 / free.dof)
+    if not unlikely(free.chi2, free.dof):
+        message = f"the FRF explains the accelerations: residual {size:.2f} times the expected one"
+        return Check("frf", True, message), ""
+    culprit, said = (
+        "",
+        (
+            "it was taken at other points, in another state of the machine, or with other signs: repeat the impact test with "
+            "the sensors where they are in the cut"
+        ),
+    )
     if sensors - 1 > axes:
-        without = [_free(problem, fitted, [s for s in range(sensors) if s != row]) for row in range(sensors)]
-        cleared = [row for row, own in enumerate(without) if not unlikely(own.chi2, own.dof)]
+        without = [_free(problem, covariance, [s for s in range(sensors) if s != row]) for row in range(sensors)]
         best = min(range(sensors), key=lambda row: without[row].chi2)
-        if cleared:
-            culprit = f"; without {problem.sensors[best]} it would be right: look at its mounting, sign and sensitivity"
-    said = culprit or (
-        "; it was taken at other points, in another state of the machine, or with other signs: repeat the impact test with "
-        "the sensors where they are in the cut"
-    )
-    return Check(
-        "frf", False, f"the FRF does not explain the accelerations: residual {size:.2g} times the expected one{said}"
-    )
+        if not unlikely(without[best].chi2, without[best].dof):
+            culprit = problem.sensors[best]
+            said = f"without {culprit} it would be right: look at its mounting, sign and sensitivity"
+    message = f"the FRF does not explain the accelerations: residual {size:.2f} times the expected one; {said}"
+    return Check("frf", False, message), culprit
 
 
-def _law_check(fitted: LawFit, free: float, free_dof: int) -> Check:
+def _law_check(fitted: LawFit, free: _Free) -> Check:
     fit = fitted.fit
-    more, dof = fit.chi2 - free, fit.dof - free_dof
+    more, dof = fit.chi2 - free.chi2, fit.dof - free.dof
     size = np.sqrt(max(more, 0.0) / max(dof, 1))
     if dof <= 0:
         return Check(
             "law", True, "as many coefficients as the lines have parts: nothing is left over to check the law by"
         )
     if not unlikely(more, dof):
-        return Check("law", True, f"the law explains the force: residual {size:.2g} times the expected one")
+        return Check("law", True, f"the law explains the force: residual {size:.2f} times the expected one")
     return Check(
         "law",
         False,
-        f"no force of this law: residual {size:.2g} times the expected one; check cutter, depths, direction (up or down), "
-        "feed direction and runout, and that the cut did not chatter",
+        f"no force of this law: residual {size:.2f} times the expected one; check cutter, depths, direction (up or down), "
+        "feed direction and runout, that the cut did not chatter, and that the FRF was hit where the tool cuts",
     )
 
 
-def _sensor_check(problem: Problem, residual: np.ndarray) -> Check:
-    lines = len(problem.order)
+def _sensor_check(problem: Problem, residual: np.ndarray, dof: int, culprit: str) -> Check:
+    """residual : (sensor,), of as many degrees of freedom each
+
+    culprit : the sensor that is known to be wrong, which spoils the residuals of others too
+    """
     bad = [
         f"{sensor} ({np.sqrt(value):.2g} times)"
         for sensor, value in zip(problem.sensors, residual, strict=True)
-        if unlikely(2 * lines * value, 2 * lines) and value > 2 * np.median(residual)
+        if sensor == culprit or (not culprit and unlikely(dof * value, dof) and value > 2 * np.median(residual))
     ]
     if not bad:
         return Check("sensors", True, "no sensor is further off than the others")
