@@ -65,12 +65,11 @@ def judge(problem: Problem, fitted: LawFit, frf: Frf, modes: Modes | None, note:
         covariance = residual_covariance(problem.noise, problem.error, free_force(problem))
         free = _free(problem, covariance, range(len(problem.sensors)))
     frf_check, culprit = _frf_check(problem, covariance, free)
+    sensors = (residual, 2 * len(problem.order)) if law_check.passed else (free.residual, free.dof // len(residual))
     checks = [
         frf_check,
         law_check,
-        _sensor_check(problem, residual, 2 * len(problem.order), culprit)
-        if law_check.passed
-        else _sensor_check(problem, free.residual, free.dof // len(problem.sensors), culprit),
+        _sensor_check(problem, *sensors) if frf_check.passed else _culprit_check(culprit),
         _sign_check(fitted),
         _angle_check(problem, fitted, note),
         _precision_check(problem, fitted),
@@ -187,15 +186,21 @@ def _law_check(fitted: LawFit, free: _Free) -> Check:
     )
 
 
-def _sensor_check(problem: Problem, residual: np.ndarray, dof: int, culprit: str) -> Check:
-    """residual : (sensor,), of as many degrees of freedom each
+def _culprit_check(culprit: str) -> Check:
+    """Where the FRF does not fit, a wrong sensor spoils the residuals of others too: it is the one without which all is right."""
+    if culprit:
+        return Check(
+            "sensors", False, f"{culprit} does not go with the others; check its mounting, sign and sensitivity"
+        )
+    return Check("sensors", True, "no single sensor is why the FRF does not explain the accelerations")
 
-    culprit : the sensor that is known to be wrong, which spoils the residuals of others too
-    """
+
+def _sensor_check(problem: Problem, residual: np.ndarray, dof: int) -> Check:
+    """Whether some sensors are further off than the others.   residual : (sensor,), of `dof` degrees of freedom each"""
     bad = [
         f"{sensor} ({np.sqrt(value):.2g} times)"
         for sensor, value in zip(problem.sensors, residual, strict=True)
-        if sensor == culprit or (not culprit and unlikely(dof * value, dof) and value > 2 * np.median(residual))
+        if unlikely(dof * value, dof) and value > 2 * np.median(residual)
     ]
     if not bad:
         return Check("sensors", True, "no sensor is further off than the others")
