@@ -14,7 +14,7 @@ from millcal.numerics.errors_in_variables import STEPS, Fit, fit_errors_in_varia
 from millcal.stages.forces.law import USUAL_RUNOUT, Law
 from millcal.stages.forces.problem import Problem
 
-TRIALS = 48  # angles over a period
+TRIALS = 12  # angles over a period of the highest line, whose minima are the narrowest
 FOLLOWED = 3  # of them, to their minimum
 RUNOUTS = (2e-6, 6e-6, 15e-6)  # m, tried in eight directions
 ALIKE = 6.0  # of chi-square: what lies closer than this to the best is as good
@@ -187,14 +187,15 @@ def _best_angles(problem: Problem, law: Law, angle: int) -> list[float]:
     chosen = passing if law.fits_runout and passing.any() else chosen
     weighted = Weighted(problem.of_lines(chosen))
     slopes = (law.basis_at(0.0, 0.0) @ law.combinations)[chosen]
-    trials = np.arange(TRIALS) * law.period / TRIALS
-    chi2 = np.empty(TRIALS)
+    count = TRIALS * max(1, round(law.order[chosen].max() * law.period / (2 * np.pi)))
+    trials = np.arange(count) * law.period / count
+    chi2 = np.empty(count)
     for i, trial in enumerate(trials):
         z, chi2[i] = weighted.solve(slopes * np.exp(1j * law.order[chosen] * trial)[:, None, None])
         if 0 in law.known and (law.combinations @ z)[0] < 0:
             chi2[i] += PENALTY
     around = np.concatenate([chi2[-1:], chi2, chi2[:1]])
     rises = [b > a for a, b in pairwise(around)]
-    minima = [i for i in range(TRIALS) if not rises[i] and rises[i + 1]]
+    minima = [i for i in range(count) if not rises[i] and rises[i + 1]]
     minima = sorted(minima or [int(np.argmin(chi2))], key=lambda i: chi2[i])
     return [float(trials[i]) for i in minima[:FOLLOWED]]

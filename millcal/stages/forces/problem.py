@@ -250,15 +250,15 @@ def spindle_harmonics(cutter: Cutter, harmonics: int | None) -> int:
 
 
 def runout_seen(cuts: Sequence[CutVibration]) -> float:
-    """Amplitude of the harmonics of the spindle between those of the tooth passing over theirs, where it is no noise.
+    """Amplitude of the harmonics of the spindle that teeth without runout have not over those that they have, where it is no noise.
 
-    The first harmonic does not count: see `force_orders`.
+    The first harmonic does not count: see `force_orders`. Teeth at unequal pitch may have all, and then nothing is seen.
     """
     shares = [0.0]
     for cut in cuts:
-        teeth = cut.cutter.teeth
-        order = np.arange(2, min(cut.harmonics.shape[1], 2 * teeth + 2))
-        between, passing = order[order % teeth != 0], order[order % teeth == 0]
+        order = np.arange(2, min(cut.harmonics.shape[1], 2 * cut.cutter.teeth + 2))
+        forced = np.isin(order, orders_of(replace(cut.cutter, runout=0.0), 3))
+        between, passing = order[~forced], order[forced]
         if not len(between) or not len(passing):
             continue
         noise = np.einsum("kss->ks", cut.covariance[between]).real
