@@ -545,6 +545,8 @@ class CutVibration(Record):
     )  # complex, E[e e^H] of the harmonics, from the lines between
     lines_between: np.ndarray = array("1", "harmonic")  # behind each covariance
     angle_from: Literal["speed", "pulse", "encoder", "stated"]
+    counts_from: Literal["start", "pulse", "encoder"] | None = None  # what a stated angle is the angle of
+    angle_sd: float | None = None  # rad, of where that is in this cut; None: not known
     ac_rms: np.ndarray = array("m/s^2", "sensor")
     asynchronous_rms: np.ndarray = array("m/s^2", "sensor")
     overview_time: np.ndarray = array("s", "overview")  # the whole record, thinned to envelopes for the report
@@ -585,7 +587,7 @@ class ForceHarmonics(Record):
     """The cutting force that accelerations and an FRF tell of, harmonic by harmonic, and the coefficients behind it.
 
     F(t) = Re sum force exp(j order theta), theta the spindle angle of tooth 0. Lines are the harmonics of all cuts, one cut
-    behind the other. The mean force is nothing that an accelerometer knows: where the law tells it, `modelled` has it.
+    behind the other. The mean force is nothing that an accelerometer knows: where the law tells it, `law_force` has it.
     """
 
     method: str  # ls, tls, tikhonov, constrained-ls, rtls, gtls

@@ -20,6 +20,7 @@ class Reference(NamedTuple):
 
     phase: float  # rad
     source: Source
+    counts_from: Literal["start", "pulse", "encoder"]  # also of a stated angle
     sd: float  # rad, of the angle in the middle of the cut: of the speed on the way there, or of a pulse between samples
 
 
@@ -35,16 +36,18 @@ def angle_reference(
     cycle, cycle_sd = found
     phase: float | None = encoder_phase(recording, start, stop, cycle, note)
     source: Source = "encoder"
+    counts_from: Literal["start", "pulse", "encoder"] = "encoder"
     sd = 0.0
     if phase is None:
         rate = recording.sample_rate
         phase, usable = spindle.pulse_phase(recording, start, stop, cycle * rate, cycle_sd * rate, note)
-        source, sd = "pulse", _between_samples(cycle, stop - start)
+        source, counts_from, sd = "pulse", "pulse", _between_samples(cycle, stop - start)
         if not usable:
-            phase, source, sd = 2 * np.pi * (start * cycle % 1.0), "speed", np.pi * cycle_sd * (start + stop)
+            phase, sd = 2 * np.pi * (start * cycle % 1.0), np.pi * cycle_sd * (start + stop)
+            source, counts_from = "speed", "start"
     if spindle_phase is None:
-        return Reference(phase, source, sd)
-    return Reference(phase + spindle_phase, "stated", sd)
+        return Reference(phase, source, counts_from, sd)
+    return Reference(phase + spindle_phase, "stated", counts_from, sd)
 
 
 def _between_samples(cycle: float, length: int) -> float:

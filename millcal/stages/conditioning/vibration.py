@@ -138,6 +138,8 @@ def condition_vibration(
         covariance=covariance,
         lines_between=noise.draws,
         angle_from=reference.source,
+        counts_from=reference.counts_from,
+        angle_sd=reference.sd,
         ac_rms=ac_rms,
         asynchronous_rms=asynchronous_rms,
         overview_time=survey.time / rate,

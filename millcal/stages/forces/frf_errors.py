@@ -9,6 +9,7 @@ below the noise of the hits' mean, which is 0.18 of its standard deviation, afte
 sum over the tail is then at most 0.18 T / 11 for a window of T samples, beside the noise's sqrt(T).
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -52,7 +53,12 @@ class _ColumnError(NamedTuple):
 
 
 def measured_error(
-    frf: Frf, frequency: np.ndarray, rows: np.ndarray, columns: list[int], matrix: np.ndarray, note
+    frf: Frf,
+    frequency: np.ndarray,
+    rows: np.ndarray,
+    columns: list[int],
+    matrix: np.ndarray,
+    note: Callable[..., None],
 ) -> tuple[MatrixError, np.ndarray]:
     """Covariance of the accelerance between sensors and lines, and the variance of each entry.
 
@@ -61,10 +67,12 @@ def measured_error(
     lines, n = len(frequency), len(rows)
     shared = np.zeros((len(columns), lines, n, lines, n), complex)
     variance = np.zeros((lines, n, len(columns)))
-    known = False
+    silent = []
     for c, column in enumerate(columns):
-        own = _of_hits(frf, frequency, rows, column) if frf.tests else _of_file(frf, frequency, rows, column)
-        known |= own is not None
+        own = _of_hits(frf, frequency, rows, column)
+        own = _of_file(frf, frequency, rows, column) if own is None else own
+        if own is None:
+            silent.append(frf.inputs[column])
         covariance = np.zeros((lines, n, n), complex) if own is None else own.covariance
         alike = _triangle(frf, frequency) if own is None else own.alike
         bent = BENT**2 * np.mean(np.abs(matrix[:, :, c]) ** 2, axis=1)
@@ -72,11 +80,11 @@ def measured_error(
         root = _root(covariance)
         shared[c] = np.einsum("lm,lsu,mtu->lsmt", alike, root, root.conj())
         variance[:, :, c] = np.einsum("lss->ls", covariance).real
-    if not known:
+    if silent:
         note(
             "frf-without-variance",
-            "the FRF says nothing of its noise: only that of the cut is in the intervals, which are too narrow; estimate the "
-            "FRF from its hits with 'millcal frf'",
+            f"the FRF says nothing of its noise at {', '.join(silent)}: only that of the cut is in the intervals, which are too "
+            "narrow; estimate the FRF from its hits with 'millcal frf'",
         )
     return MatrixError(shared=shared), variance
 
@@ -88,21 +96,23 @@ def _root(covariance: np.ndarray) -> np.ndarray:
 
 
 def _of_hits(frf: Frf, frequency: np.ndarray, rows: np.ndarray, column: int) -> _ColumnError | None:
+    """From the hits in that direction; None where some of the outputs are not among theirs."""
     covariance = np.zeros((len(frequency), len(rows), len(rows)), complex)
     alike = np.eye(len(frequency), dtype=complex)
-    places = {int(row): i for i, row in enumerate(rows)}
+    places = {frf.outputs[int(row)]: i for i, row in enumerate(rows)}
+    covered: set[str] = set()
     for test in frf.tests:
         if frf.inputs[column] not in test.inputs:
             continue
-        own = [frf.outputs.index(output) for output in test.outputs]
-        kept = [i for i, row in enumerate(own) if row in places]
+        kept = [i for i, output in enumerate(test.outputs) if output in places]
         if not kept:
             continue
+        covered |= {test.outputs[i] for i in kept}
         found = _residual_covariance(frf, test, frequency, column, kept)
-        at = np.array([places[own[i]] for i in kept])
+        at = np.array([places[test.outputs[i]] for i in kept])
         covariance[:, at[:, None], at[None]] = found
         alike = window_correlation(test, frequency)
-    return _ColumnError(covariance, alike)
+    return _ColumnError(covariance, alike) if covered == set(places) else None
 
 
 def _residual_covariance(frf: Frf, test: HitSpectra, frequency: np.ndarray, column: int, kept: list[int]) -> np.ndarray:
