@@ -32,6 +32,7 @@ def text_of(summary: Mapping[str, Any]) -> str:
         _coverage(summary),
         _ensemble(summary),
         _angle(summary),
+        _further(summary),
     ]
     return "\n\n".join(part for part in parts if part)
 
@@ -57,6 +58,10 @@ def tables_csv(summary: Mapping[str, Any]) -> str:
     noise = [csv_number(ensemble["force_noise_N"]), csv_number(ensemble["acceleration_noise_m_per_s2"])]
     for number, row in enumerate(ensemble["each"]):
         lines += rows("structure", noise, str(number + 1), row)
+    further = summary["further"]
+    noise = [csv_number(further["force_noise_N"]), csv_number(further["acceleration_noise_m_per_s2"])]
+    for row in further["ways"]:
+        lines += rows("further", noise, "", {"rmse_percent": {f"{row['group']}: {row['way']}": row["rmse_percent"]}})
     return "\n".join(lines) + "\n"
 
 
@@ -189,4 +194,36 @@ def _angle(summary: Mapping[str, Any]) -> str:
     return (
         f"{aligned(rows)}\nGTLS windowed at {angle['acceleration_noise_m_per_s2']:g} m/s²; fitted angle "
         f"{angle['fitted_mean_deg']:.2f} ± {angle['fitted_sd_deg']:.2f}°, its bound ± {angle['bound_sd_deg']:.2f}°"
+    )
+
+
+def _further(summary: Mapping[str, Any]) -> str:
+    """Everything of one level; the bound where it is reckoned."""
+    further, names = summary["further"], summary["coefficients"]
+    if not further["ways"]:
+        return ""
+    rows = [["what else pays", "answers", *(f"{name} %" for name in names), "bound", *MAIN, "bias Kte", "hold", *names]]
+    group = ""
+    for row in further["ways"]:
+        if row["group"] != group:
+            group = row["group"]
+            rows.append([group, *[""] * (len(rows[0]) - 1)])
+        bound = row["bound_percent"]
+        rows.append(
+            [
+                f"  {row['way']}",
+                str(row["answers"]),
+                *(fixed(row["rmse_percent"][name], 1) for name in names),
+                "",
+                *("" if bound is None else fixed(bound[name], 1) for name in MAIN),
+                fixed(row["bias_percent"]["Kte"], 1),
+                "",
+                *(fixed(row["coverage_percent"][name], 0) for name in names),
+            ]
+        )
+    noise = f"{further['force_noise_N']:g} N, {further['acceleration_noise_m_per_s2']:g} m/s²"
+    return (
+        f"{aligned(rows, gap=1)}\n"
+        f"GTLS of windowed H1 at {noise} with 2 harmonics, where nothing else is said; bound: of Cramér, Rao and Fisher\n"
+        "hold: 95 % intervals, %; unlinked: as if FRF errors were independent from line to line; by the stages: millcal forces"
     )

@@ -136,35 +136,52 @@ def block_diagonal(matrix: np.ndarray) -> np.ndarray:
 
 def weighted(frf: Estimate, record: CutRecord, passing: int, harmonics: int) -> Told:
     """GTLS: the coefficients themselves, each error weighted by what is known of it."""
-    matrix, error = frf.at(lines_of(passing, harmonics))
-    law = force_law(harmonics)
+    return gtls(frf.at(lines_of(passing, harmonics)), record, force_law(harmonics))
+
+
+def gtls(frf: tuple[np.ndarray, MatrixError], record: CutRecord, law: ForceLaw) -> Told:
+    """The same for any lines.   frf, record, law : of these lines; the record may have more behind them"""
+    return told_by(law, fit_gtls(frf, record, law))
+
+
+def fit_gtls(frf: tuple[np.ndarray, MatrixError], record: CutRecord, law: ForceLaw) -> Fit:
+    """The minimum with all that is known about it."""
 
     def model(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return law.basis @ theta, law.basis
 
-    return _told(law, _fit(matrix, record, error, model, _start(law, (matrix, error), record)))
+    return _fit(frf, record, model, weighted_start(law, frf, record))
 
 
-def with_angle(frf: Estimate, record: CutRecord, passing: int) -> tuple[Told, float, float]:
+def with_angle(
+    frf: tuple[np.ndarray, MatrixError],
+    record: CutRecord,
+    law: ForceLaw,
+    order: np.ndarray,
+    *,
+    believed: float = np.inf,
+) -> tuple[Told, float, float]:
     """GTLS with the angle of the spindle among the unknowns.
 
+    order : of the tooth passing, (line,)   believed : standard deviation of an angle of zero, rad, before anything is cut
     returns the coefficients, and of the angle by which the spindle lags its pulse the value and the standard deviation, rad
     """
-    lines = lines_of(passing, HARMONICS)
-    matrix, error = frf.at(lines)
-    law = force_law(HARMONICS)
-    turn = -1j * CUTTER.teeth * np.arange(1, HARMONICS + 1)
-
-    def model(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        basis = law.basis * np.exp(turn * theta[-1])[:, np.newaxis, np.newaxis]
-        force = basis @ theta[:-1]
-        return force, np.concatenate([basis, (turn[:, np.newaxis] * force)[:, :, np.newaxis]], axis=2)
-
-    fit = _fit(matrix, record, error, model, np.append(_start(law, (matrix, error), record), 0.0))
-    return _told(law, fit), float(fit.theta[-1]), float(np.sqrt(fit.covariance[-1, -1]))
+    start = np.append(weighted_start(law, frf, record), 0.0)
+    precision = np.zeros(len(start))
+    precision[-1] = believed**-2
+    fit = _fit(frf, record, partial(turned, law, order), start, prior=(np.zeros(len(start)), precision))
+    return told_by(law, fit), float(fit.theta[-1]), float(np.sqrt(fit.covariance[-1, -1]))
 
 
-def _start(law: ForceLaw, frf: tuple[np.ndarray, MatrixError], record: CutRecord) -> np.ndarray:
+def turned(law: ForceLaw, order: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Force of coefficients and an angle, theta, and its slopes.   returns complex (line, axis), (line, axis, theta)"""
+    turn = -1j * CUTTER.teeth * order
+    basis = law.basis * np.exp(turn * theta[-1])[:, np.newaxis, np.newaxis]
+    force = basis @ theta[:-1]
+    return force, np.concatenate([basis, (turn[:, np.newaxis] * force)[:, :, np.newaxis]], axis=2)
+
+
+def weighted_start(law: ForceLaw, frf: tuple[np.ndarray, MatrixError], record: CutRecord) -> np.ndarray:
     """Least squares of the coefficients, weighted with the covariance of the residual at the last estimate.
 
     Plain least squares may lie beyond the watershed: with much noise the descent then ends in another minimum, or nowhere.
@@ -180,11 +197,19 @@ def _start(law: ForceLaw, frf: tuple[np.ndarray, MatrixError], record: CutRecord
     return theta
 
 
-def _fit(matrix: np.ndarray, record: CutRecord, error: MatrixError, model: Model, start: np.ndarray) -> Fit:
+def _fit(
+    frf: tuple[np.ndarray, MatrixError],
+    record: CutRecord,
+    model: Model,
+    start: np.ndarray,
+    prior: tuple[np.ndarray, np.ndarray] | None = None,
+) -> Fit:
+    matrix, error = frf
     n = len(matrix)
-    return fit_errors_in_variables(matrix, record.values[:n], record.noise[:n], error, model, start)
+    return fit_errors_in_variables(matrix, record.values[:n], record.noise[:n], error, model, start, prior=prior)
 
 
-def _told(law: ForceLaw, fit: Fit) -> Told:
+def told_by(law: ForceLaw, fit: Fit) -> Told:
+    """The coefficients that are sought."""
     place = [law.names.index(name) for name in SOUGHT]
     return Told(fit.theta[place], np.sqrt(np.diag(fit.covariance)[place]))

@@ -10,6 +10,7 @@ from millcal.studies import forces_from_accelerations as study
 from millcal.studies.forces_bands import BANDS, FRF_ERRORS, RATIOS
 from millcal.studies.forces_cuts import PASSINGS, SOUGHT
 from millcal.studies.forces_from_accelerations import ANGLE, ANGLES, ENSEMBLE, ENSEMBLE_NOISE, FRFS, Study
+from millcal.studies.forces_further import NOISE, WAYS
 from millcal.studies.forces_methods import (
     GCV,
     GTLS,
@@ -51,6 +52,7 @@ def summarise(found: Study) -> dict[str, Any]:
         "coverage": list(_coverage(levels)),
         "ensemble": _ensemble(found),
         "angle": _angle(found),
+        "further": _further(found),
     }
 
 
@@ -396,3 +398,24 @@ def _angle(found: Study) -> dict[str, Any]:
             for w, way in enumerate(ANGLES)
         },
     }
+
+
+def _further(found: Study) -> dict[str, Any]:
+    """Each way with its error, its bias, the bound where it is reckoned, and how often its intervals hold."""
+    rows = []
+    for group, ways in WAYS.items():
+        for way in ways:
+            if way in found.further:
+                error, deviation, bound = found.further[way]
+                rows.append(
+                    {
+                        "group": group,
+                        "way": way,
+                        "answers": int(np.prod(error.shape[:2])),
+                        "rmse_percent": _named(rms_percent(error)),
+                        "bias_percent": _named(100 * error.mean(axis=(0, 1))),
+                        "bound_percent": _named(rms_percent(bound)) if np.isfinite(bound).all() else None,
+                        "coverage_percent": _named(coverage_percent(error, deviation)),
+                    }
+                )
+    return {"force_noise_N": NOISE[0], "acceleration_noise_m_per_s2": NOISE[1], "ways": rows}

@@ -23,7 +23,7 @@ ONSET = 4 / SAMPLE_RATE  # s
 
 FORCE_WINDOW, RESPONSE_WINDOW, FALL = 6e-3, 0.15, 0.2  # s, s, share of the response window that is its cosine end
 POOLED = 20  # lines to either side whose residuals are pooled
-LINES = 480  # lines that are kept
+LINES = 480  # lines that are kept, unless more are wanted
 
 BAND = slice(20, 260)  # lines in which modes are fitted
 SEARCHED = slice(40, 141)  # lines in which the search for them begins
@@ -44,9 +44,26 @@ class Estimate(NamedTuple):
     matrix: np.ndarray  # complex (line, sensor, axis)
     shared: np.ndarray | None = None  # E[Delta Delta^H], axes apart, lines apart: complex (axis, line, sensor, sensor)
     deviations: np.ndarray | None = None  # of a fitted model: (deviation, line, sensor, axis)
+    window: np.ndarray | None = None  # of the responses, (sample,)
+
+    def together(self, lines: np.ndarray) -> tuple[np.ndarray, MatrixError]:
+        """Lines in any order and as often as wanted, with what their errors have in common.   lines : (line,) Hz
+
+        White noise behind a window w is alike at two lines as the transform of w^2 at their distance, counted from the pulse.
+        That of the hammer, whose window is shorter and which matters little, is taken to be alike in the same way.
+        """
+        matrix, error = self.at(lines)
+        if self.shared is None or self.window is None:
+            return matrix, error
+        apart = np.subtract.outer(lines, lines)
+        square = np.fft.fft(self.window**2, SAMPLES)
+        alike = square[apart % SAMPLES] / square[0] * np.exp(2j * np.pi * apart * (ONSET + DURATION / 2))
+        values, vectors = np.linalg.eigh(self.shared[:, np.searchsorted(self.lines, lines)])
+        root = vectors * np.sqrt(np.maximum(values, 0.0))[..., np.newaxis, :] @ vectors.conj().swapaxes(2, 3)
+        return matrix, error._replace(shared=np.einsum("lm,alsu,amtu->alsmt", alike, root, root.conj()))
 
     def at(self, lines: np.ndarray) -> tuple[np.ndarray, MatrixError]:
-        """Some of them.   lines : (line,) Hz"""
+        """Some of them, as if the errors of each were its own.   lines : (line,) Hz"""
         place = np.searchsorted(self.lines, lines)
         deviations = None if self.deviations is None else self.deviations[:, place]
         if self.shared is None:
@@ -104,18 +121,36 @@ def impact_test(
     sigma_... : N and m/s^2, of the noise of a sample   lines : where FRFs are wanted, Hz, ascending
     modal : whether modes are fitted, which takes as long as all else
     """
-    plain, gated = [], []
-    keep, tail = _windows()
+    return estimates(hits_on(hammer, sigma_force, sigma_acceleration, rng), lines, modal=modal)
+
+
+def hits_on(
+    hammer: Hammer, sigma_force: float, sigma_acceleration: float, rng: np.random.Generator
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Nine hits in each direction as they are recorded.
+
+    sigma_... : N and m/s^2, of the noise of a sample   returns by axis force (hit, sample) and response (hit, sensor, sample)
+    """
+    axes = []
     for axis in range(AXES):
         peak = PEAK * (1 + SPREAD * rng.standard_normal(HITS))
         force = peak[:, np.newaxis] * hammer.force + sigma_force * rng.standard_normal((HITS, SAMPLES))
         response = peak[:, np.newaxis, np.newaxis] * hammer.response[axis]
-        response = response + sigma_acceleration * rng.standard_normal(response.shape)
-        plain.append(_spectra(force, response))
-        gated.append(_spectra(force[:, : len(keep)] * keep, response[:, :, : len(tail)] * tail))
+        axes.append((force, response + sigma_acceleration * rng.standard_normal(response.shape)))
+    return axes
+
+
+def estimates(axes: list[tuple[np.ndarray, np.ndarray]], lines: np.ndarray, *, modal: bool = True) -> ImpactTest:
+    """The FRFs made of hits.   axes : as `hits_on` gives them   lines, modal : as in `impact_test`"""
+    keep, tail = _windows()
+    count = max(LINES, int(lines.max(initial=0)) + POOLED + 1)
+    plain = [_spectra(force, response, count) for force, response in axes]
+    gated = [
+        _spectra(force[:, : len(keep)] * keep, response[:, :, : len(tail)] * tail, count) for force, response in axes
+    ]
     raw, windowed = h1(plain), h1(gated)
     fitted = fit_modes(raw, windowed, lines) if modal else None
-    return ImpactTest(estimate(raw, lines), estimate(windowed, lines), fitted)
+    return ImpactTest(estimate(raw, lines, np.ones(SAMPLES)), estimate(windowed, lines, tail), fitted)
 
 
 def _windows() -> tuple[np.ndarray, np.ndarray]:
@@ -125,17 +160,18 @@ def _windows() -> tuple[np.ndarray, np.ndarray]:
     return window(pulse, 0, pulse, 0, 0), window(decay, 0, decay - fall, 0, fall)
 
 
-def _spectra(force: np.ndarray, response: np.ndarray) -> Hits:
-    """force : (hit, sample)   response : (hit, sensor, sample)"""
-    F = np.fft.rfft(force, SAMPLES)[:, :LINES]
-    X = np.fft.rfft(response, SAMPLES)[:, :, :LINES]
+def _spectra(force: np.ndarray, response: np.ndarray, count: int) -> Hits:
+    """force : (hit, sample)   response : (hit, sensor, sample)   count : of lines"""
+    F = np.fft.rfft(force, SAMPLES)[:, :count]
+    X = np.fft.rfft(response, SAMPLES)[:, :, :count]
     return Hits(F, X.swapaxes(1, 2))
 
 
 def h1(axes: list[Hits]) -> Sums:
     """H1 of single inputs, and what is left of each hit."""
-    matrix = np.empty((LINES, SENSORS, AXES), complex)
-    energy, residual = np.empty((AXES, LINES)), np.empty((AXES, LINES, SENSORS, HITS), complex)
+    count = axes[0].force.shape[1]
+    matrix = np.empty((count, SENSORS, AXES), complex)
+    energy, residual = np.empty((AXES, count)), np.empty((AXES, count, SENSORS, HITS), complex)
     for axis, (F, X) in enumerate(axes):
         energy[axis] = np.sum(np.abs(F) ** 2, axis=0)
         matrix[:, :, axis] = np.einsum("hl,hls->ls", F.conj(), X) / energy[axis, :, np.newaxis]
@@ -143,8 +179,8 @@ def h1(axes: list[Hits]) -> Sums:
     return Sums(matrix, energy, residual)
 
 
-def estimate(sums: Sums, lines: np.ndarray) -> Estimate:
-    """H1 at some lines with the covariance of its errors.
+def estimate(sums: Sums, lines: np.ndarray, window: np.ndarray) -> Estimate:
+    """H1 at some lines with the covariance of its errors.   window : of the responses, (sample,)
 
     The residuals of a line have HITS - 1 degrees of freedom; their covariance is pooled over the lines around, so that a matrix
     of six sensors has full rank, and divided by the energy of all hits in the line.
@@ -152,7 +188,7 @@ def estimate(sums: Sums, lines: np.ndarray) -> Estimate:
     around = lines[:, np.newaxis] + np.arange(-POOLED, POOLED + 1)
     seen = np.moveaxis(sums.residual[:, around], 2, 3).reshape(AXES, len(lines), SENSORS, -1)
     spread = seen @ seen.conj().swapaxes(2, 3) / ((HITS - 1) * around.shape[1])
-    return Estimate(lines, sums.matrix[lines], spread / sums.energy[:, lines, np.newaxis, np.newaxis])
+    return Estimate(lines, sums.matrix[lines], spread / sums.energy[:, lines, np.newaxis, np.newaxis], window=window)
 
 
 def fit_modes(raw: Sums, windowed: Sums, lines: np.ndarray) -> Estimate:
@@ -176,7 +212,9 @@ def fit_modes(raw: Sums, windowed: Sums, lines: np.ndarray) -> Estimate:
     fit = fit_poles(tests, found.frequency, found.damping, MODAL)
     modes = len(fit.natural_frequency)
     steady = sensitivity(tests, fit, MODAL)
-    functions, slopes = columns(tests[0]._replace(s=s[lines]), fit.natural_frequency, fit.damping_ratio, MODAL)
+    functions, slopes = columns(
+        tests[0]._replace(s=2j * np.pi * lines), fit.natural_frequency, fit.damping_ratio, MODAL
+    )
     phi, by_pole = functions[0, :, 0], slopes[:, 0, :, 0]  # (line, mode), (2, line, mode)
     matrix = np.empty((len(lines), SENSORS, AXES), complex)
     of_residues = np.zeros((AXES, SENSORS, modes, len(lines), SENSORS, AXES), complex)
