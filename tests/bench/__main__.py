@@ -12,6 +12,7 @@ from pathlib import Path
 
 from followed_cut import followed_cut
 from force import force
+from forces import forces
 from impact import impact
 from main_job import main_job
 from smoother import smoother
@@ -29,6 +30,7 @@ SECTIONS = {
     "Trends": trends,
     "Smoother": smoother,
     "A minute of a cut": followed_cut,
+    "Forces from accelerations": forces,
     "Main job": main_job,
 }
 
