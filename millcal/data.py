@@ -637,7 +637,9 @@ class ForceHarmonics(Record):
     phase: np.ndarray = array("rad", "cut")  # of tooth 0 at the angle from which the cut was counted
     phase_sd: np.ndarray = array("rad", "cut")  # 0 where it was not fitted
     phase_from: Literal["stated", "fitted"]
-    runout: tuple[float, float] | None = None  # m, (c0, s0) = rho cos, sin of the angle from tooth 0; None: not fitted
+    runout: tuple[float, float] | None = (
+        None  # m, (c0, s0) = rho cos, sin of its angle from tooth 0 at the helix bottom
+    )
     runout_sd: tuple[float, float] | None = None  # m
     frf_from: Literal["measured", "modes"]
     compared_methods: tuple[str, ...]  # every method on the same lines

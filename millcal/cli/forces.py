@@ -70,7 +70,10 @@ def forces(
     compare: Annotated[bool, typer.Option("--compare", help="Print every method side by side.")] = False,
     advise: Annotated[
         bool,
-        typer.Option("--advise", help="Print the best spindle speeds for the next cut; --setup and --frf are enough."),
+        typer.Option(
+            "--advise",
+            help="Print the best spindle speeds for the next cut, by the FRF's lines; --setup and --frf are enough.",
+        ),
     ] = False,
     rpm: Annotated[
         tuple[float, float] | None,
@@ -115,10 +118,13 @@ def forces(
     if recordings and output is None:
         raise typer.BadParameter("-o is needed: the file for the result")
     if not recordings:
-        _without_cuts(advise, setup, {"--csv": table, "--compare": compare, "--modes": modes})
+        of_cuts = {"--csv": table, "--compare": compare, "--modes": modes, "--spindle-phase-deg": spindle_phase_deg}
+        of_cuts |= {"--method": method != "gtls", "--phase": phase != "auto", "--runout": runout != "auto"}
+        of_cuts |= {"--regularization": regularization != "gcv", "--slack-N": slack > 0}
+        _without_cuts(advise, setup, {**of_cuts, "--map": maps, "--unit": units, "--rate-hz": rate_hz})
     phases = for_each(spindle_phase_deg, len(recordings), "--spindle-phase-deg") if recordings else []
     read = [*recordings, frf, modes, setup]
-    check_files(read, [output, table, figure], once=False)
+    check_files(read, [output, table, figure])
 
     with progress_bar(quiet) as progress:
         progress(0.0, frf.name)

@@ -123,7 +123,7 @@ def summarise_advice(advice: SpeedAdvice) -> dict[str, Any]:
                 name: [known(value) for value in advice.relative_sd[:, i]] for i, name in enumerate(advice.names)
             },
             "condition_number": [known(value) for value in advice.condition],
-            "worst_harmonic": [int(value) for value in advice.worst_harmonic],
+            "worst_harmonic": [known(float(value)) for value in advice.worst_harmonic],
         },
     }
 
@@ -195,7 +195,7 @@ def _at_speed(advice: SpeedAdvice, speed: float) -> dict[str, Any]:
         "rpm": shop(speed, "x_rpm"),
         "relative_sd": {name: known(advice.relative_sd[at, i]) for i, name in enumerate(advice.names)},
         "condition_number": known(advice.condition[at]),
-        "worst_harmonic": int(advice.worst_harmonic[at]),
+        "worst_harmonic": known(float(advice.worst_harmonic[at])),
     }
 
 

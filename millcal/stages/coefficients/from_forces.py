@@ -1,8 +1,8 @@
 """Coefficients from forces that accelerations told: the answer of the forces in the shape of an identification.
 
 What stands for the measured force is the force of every harmonic by itself, for which the law was not asked. It has no mean,
-since no accelerometer knows one, and only the harmonics that were reconstructed. Some of these are known badly, so R2 weights
-them by what is known of each.
+since no accelerometer knows one, and only the harmonics that were reconstructed. Some of these are known badly, so R2 and
+the residual weight them by what is known of each.
 """
 
 import numpy as np
@@ -42,9 +42,12 @@ def coefficients_of_forces(forces: ForceHarmonics) -> Coefficients:
         modelled_mean[:, rows] = forces.law_force.mean(axis=2)
     left = np.abs(free - law) ** 2
     residual, r2 = np.full(3, np.nan), np.full(3, np.nan)
-    residual[rows] = np.sqrt(np.sum(left, axis=0) / (2 * cuts))
-    weight = 1.0 if forces.free_sd is None else 1.0 / np.maximum(forces.free_sd, 1e-300) ** 2
-    r2[rows] = 1 - np.sum(weight * left, axis=0) / np.maximum(np.sum(weight * np.abs(free) ** 2, axis=0), 1e-300)
+    if forces.free_force is not None and forces.free_sd is not None:
+        weight = 1.0 / np.maximum(forces.free_sd, 1e-300) ** 2
+        weight = weight / weight.sum(axis=0)
+        lines = len(forces.order) / cuts
+        residual[rows] = np.sqrt(lines * np.sum(weight * left, axis=0) / 2)
+        r2[rows] = 1 - np.sum(weight * left, axis=0) / np.maximum(np.sum(weight * np.abs(free) ** 2, axis=0), 1e-300)
     others = [
         alternative(method, dict(zip(forces.posterior.names, values, strict=True)))
         for method, values in zip(forces.compared_methods, forces.compared, strict=True)

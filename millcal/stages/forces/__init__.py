@@ -25,13 +25,12 @@ from millcal.stages.forces.fit import LawFit, fit_law
 from millcal.stages.forces.judge import MUCH, judge, line_condition
 from millcal.stages.forces.law import UNITS, Law, law_of
 from millcal.stages.forces.methods import Reconstruction, coefficients_from_force, solver, system_of
-from millcal.stages.forces.problem import Problem, notice_collector, problem_of, runout_seen
+from millcal.stages.forces.problem import RUNOUT_SEEN, Problem, notice_collector, problem_of, runout_seen
 
 __all__ = ["PHASES", "advise_speeds", "reconstruct_forces"]
 
 PHASES = ("auto", "fit", "known")
 RUNOUTS = ("auto", "fit", "known")
-RUNOUT_SEEN = 0.01  # amplitude between the harmonics of the tooth passing over theirs
 ANGLES = 360
 WIDENED = 1.2  # chi-square per degree of freedom from which it is said that the intervals are wider for it
 LAW_ORDERS = 120  # harmonics of the spindle in the law's own force, for the drawing
@@ -55,7 +54,7 @@ def reconstruct_forces(
     """The force behind the accelerations of cuts with one cutter, and its coefficients by the linear-edge law.
 
     method : ls, tls, tikhonov, constrained-ls, rtls or gtls
-    harmonics : of the tooth passing; None takes four, fewer where the FRF ends
+    harmonics : of the tooth passing; None takes up to twelve, as far as the FRF reaches
     modes : fitted to the FRF, to take its place   phase : auto believes a stated angle of tooth 0 to 3 degrees and finds one
         that nobody stated; fit finds it in any case; known takes what is stated for exact
     runout : auto fits it where harmonics of the spindle between those of the tooth passing show it and the cutter has none
@@ -123,7 +122,9 @@ def reconstruct_forces(
         frequency=problem.frequency,
         force=drawn.force,
         force_covariance=drawn.covariance,
-        free_force=judged.free_force * np.exp(-1j * problem.order * phases[problem.cut])[:, None],
+        free_force=None
+        if judged.free_force is None
+        else judged.free_force * np.exp(-1j * problem.order * phases[problem.cut])[:, None],
         free_sd=judged.free_sd,
         condition=line_condition(problem, fitted),
         condition_number=chosen.condition_number,
@@ -174,7 +175,7 @@ def reconstruct_forces(
 def _fits_runout(cuts: Sequence[CutVibration], runout: str) -> bool:
     """Whether the runout is an unknown."""
     cutter = cuts[0].cutter
-    if runout == "known" or (cutter.teeth == 1 and runout == "auto"):
+    if runout == "known" or cutter.teeth == 1:  # a tooth alone has its chip whatever the runout
         return False
     return runout == "fit" or (cutter.runout == 0 and runout_seen(cuts) > RUNOUT_SEEN)
 
@@ -201,8 +202,10 @@ def _all_methods(
     """Every method on the same lines; one that has no answer here is left out, unless it is the one that is wanted."""
     fit = fitted.fit
     n = law.combinations.shape[1]
-    slopes = as_real_vector((law.basis @ law.combinations).reshape(-1, n))
-    own = fit.covariance[:n, :n]
+    angles = fitted.law.sizes[1]
+    kept = [i for i in range(len(fit.theta)) if not n <= i < n + angles]  # angles turn the frame, not the force in it
+    slopes = as_real_vector(fit.slopes[:, :, kept].reshape(-1, len(kept)))
+    own = fit.covariance[np.ix_(kept, kept)]
     root = np.linalg.cholesky(fit.residual_covariance)
     weighted = np.linalg.solve(root, as_real_vector((problem.matrix @ (law.basis @ law.combinations)).reshape(-1, n)))
     answers = {

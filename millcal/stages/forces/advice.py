@@ -12,10 +12,10 @@ import numpy as np
 from millcal.data import ForceHarmonics, Frf, SpeedAdvice
 from millcal.errors import IllPosedError
 from millcal.physics.cutter import Cutter, CuttingConditions
-from millcal.physics.force_subspace import NAMES, force_constraint, harmonic_basis, orders_of
+from millcal.physics.force_subspace import NAMES, force_constraint, harmonic_basis
 from millcal.physics.structure import convert_frf_variance
-from millcal.stages.forces.frf_errors import BENT, frf_at
-from millcal.stages.forces.problem import USUAL_HARMONICS, axes_dofs, axes_of, signed_places
+from millcal.stages.forces.frf_errors import BENT, alike_lines, frf_at
+from millcal.stages.forces.problem import axes_dofs, axes_of, check_frf, force_orders, harmonics_for, signed_places
 
 ASSUMED = np.array([800e6, 300e6, 150e6, 20e3, 20e3, 5e3])  # in the order of NAMES, SI
 DURATION = 2.0  # s of steady cut
@@ -46,12 +46,15 @@ def advise_speeds(
     """
     if not 0 < spindle_speed[0] < spindle_speed[1]:
         raise IllPosedError("rpm: the lowest speed is above zero and below the highest; correct them")
+    check_frf(frf)
     axes, columns = axes_of(frf)
     sensors = given.sensors if given is not None else _sensors(frf, axes_dofs(frf, columns))
     rows, row_sign = signed_places(sensors, frf.outputs)
     signs = row_sign[:, None] * signed_places(axes_dofs(frf, columns), frf.inputs)[1]
     speeds = np.linspace(*spindle_speed, points)
-    orders = orders_of(cutter, harmonics or USUAL_HARMONICS)
+    cuts = 1 if given is None else len(given.cuts)
+    harmonics = harmonics or harmonics_for(cutter, cuts, False)
+    orders = np.array(force_orders(cutter, harmonics, False))
     frequency = np.multiply.outer(speeds / (2 * np.pi), orders)  # (speed, line)
     low, high = max(frf.usable_band[0], 1e-9), frf.usable_band[1]
     inside = (frequency >= low) & (frequency <= high)
@@ -68,6 +71,11 @@ def advise_speeds(
 
     basis = harmonic_basis(cutter, conditions, orders, axes)
     known = np.flatnonzero(force_constraint(basis).told)
+    if not {"Ktc", "Krc"} & {NAMES[i] for i in known}:
+        raise IllPosedError(
+            "forces: such a cut gives no alternating force of Ktc and Krc at any speed (a slot with four teeth or six); advise for "
+            "another radial depth or fewer teeth"
+        )
     if not len(known):
         raise IllPosedError(
             "forces: these harmonics carry no force of any coefficient; use another cut or more harmonics"
@@ -76,11 +84,15 @@ def advise_speeds(
     scale = np.maximum(np.abs(law[known]), 1e-3 * np.abs(ASSUMED[known]))
     force = basis @ law  # (line, axis)
     noise = _noise(frf, rows, given)
-    spread = noise + np.einsum("nlsa,la->nls", variance, np.abs(force) ** 2)
+    of_frf = np.einsum("nlsa,la->nls", variance, np.abs(force) ** 2)
+    spread = noise + of_frf
     slopes = np.einsum("nlsa,lap->nlsp", matrix, basis[:, :, known] * scale)
     turn = np.einsum("nlsa,la->nls", matrix, 1j * orders[:, None] * force)  # the angle of tooth 0 is found as well
     slopes = np.concatenate([slopes, turn[..., None]], axis=3)
     weight = np.where(inside, 1.0, 0.0)[:, :, None] / spread
+    if given is not None:  # where the FRF is wrong as it was in an earlier cut, its error does not average out
+        repeated = _repeated(frf, flat, given).reshape(frequency.shape)
+        weight = weight * (1 - repeated[:, :, None] * of_frf / spread)
     information = 2 * np.einsum("nlsp,nls,nlsq->npq", slopes.conj(), weight, slopes).real
     n = len(known)
     own = (
@@ -97,7 +109,7 @@ def advise_speeds(
     condition = np.full(points, np.nan)
     condition[usable] = np.sqrt(np.linalg.cond(information[usable][:, :n, :n]))
     names = tuple(NAMES[i] for i in known)
-    wanted = [i for i, name in enumerate(names) if name in ("Ktc", "Krc")] or list(range(n))
+    wanted = [i for i, name in enumerate(names) if name in ("Ktc", "Krc")]
     score = np.log(np.where(np.isfinite(sd[:, wanted]), sd[:, wanted], np.inf)).mean(axis=1)
     return SpeedAdvice(
         spindle_speed=speeds,
@@ -106,7 +118,7 @@ def advise_speeds(
         condition=condition,
         best=_best(speeds, score),
         worst_harmonic=orders[np.argmax(by_line, axis=1)] / cutter.teeth,
-        harmonics=harmonics or USUAL_HARMONICS,
+        harmonics=harmonics,
     )
 
 
@@ -132,6 +144,13 @@ def _variance(frf: Frf, frequency: np.ndarray, rows: np.ndarray, columns: list[i
     share = ((frequency - frf.frequency[place - 1]) / step)[:, None, None]
     between = (1 - share) * own[place - 1] + share * own[place]
     return convert_frf_variance(frequency, between, frf.form, "accelerance")
+
+
+def _repeated(frf: Frf, frequency: np.ndarray, given: ForceHarmonics) -> np.ndarray:
+    """How much of the FRF's error at each line stands in an earlier cut's, 0 to 1.   frequency : (line,) Hz"""
+    both = np.concatenate([frequency, given.frequency])
+    alike = np.abs(alike_lines(frf, both, len(frequency))) ** 2
+    return np.asarray(alike.max(axis=1))
 
 
 def _law(given: ForceHarmonics | None, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -77,10 +77,12 @@ def fit_law(problem: Problem, law: Law) -> LawFit:
     for i, own in enumerate(choices):
         for other in own[1:]:
             trials.append(np.where(np.arange(angles) == i, other, first))
+    trials = [_same_teeth(problem, law, trial) for trial in trials]
     weighted = Weighted(problem)
     found = _minima(problem, weighted, law, trials)
     scores = [_score(fit, law) for fit in found]
     best = found[int(np.argmin(scores))]
+    best = _with_first_tooth(problem, law, best)
     if angles:
         best = best._replace(theta=_wound(best.theta, law))
     others = [
@@ -121,11 +123,29 @@ def _nearest(angle: float, period: float) -> float:
 def _wound(theta: np.ndarray, law: Law) -> np.ndarray:
     """The same with the angles nearest to zero, where a period more or less changes nothing."""
     n, angles = law.sizes
-    if law.fits_runout:  # a period would exchange the teeth, and the runout is counted from tooth 0
-        return theta
+    period = 2 * np.pi if law.fits_runout else law.period  # less would exchange the teeth
     wound = theta.copy()
-    wound[n : n + angles] -= law.period * np.round(theta[n : n + angles] / law.period)
+    wound[n : n + angles] -= period * np.round(theta[n : n + angles] / period)
     return wound
+
+
+def _with_first_tooth(problem: Problem, law: Law, best: Fit) -> Fit:
+    """The same minimum with that tooth as tooth 0 which the runout pushes out most, where nobody said which it is."""
+    cutter = problem.cuts[0].cutter
+    equal = cutter.pitch is None or np.ptp(cutter.pitch) < 1e-9
+    if not law.fits_runout or not equal or any(cut.angle_from == "stated" for cut in problem.cuts):
+        return best
+    n, angles = law.sizes
+    offset = complex(*best.theta[n + angles :])
+    lag = 2 * np.pi / cutter.teeth * np.arange(cutter.teeth)
+    first = lag[int(np.argmax(np.real(offset * np.exp(1j * lag))))]
+    if first == 0:
+        return best
+    turned = offset * np.exp(1j * first)
+    theta = best.theta.copy()
+    theta[n : n + angles][~law.stated] -= first
+    theta[n + angles :] = turned.real, turned.imag
+    return _fit(problem, law, theta)
 
 
 def _minima(problem: Problem, weighted: Weighted, law: Law, trials: list[np.ndarray]) -> list[Fit]:
@@ -143,19 +163,15 @@ def _minima(problem: Problem, weighted: Weighted, law: Law, trials: list[np.ndar
 
 def _follow(problem: Problem, weighted: Weighted, law: Law, angles: np.ndarray, steps: int = STEPS) -> Fit:
     """From some angles to the minimum, with the runout that suits them best at first."""
-    n = law.sizes[0]
-    tried = [np.zeros(2)]
-    if law.fits_runout:
-        directions = np.linspace(0, 2 * np.pi, 8, endpoint=False)
-        tried += [size * np.array([np.cos(a), np.sin(a)]) for size in RUNOUTS for a in directions]
     starts = []
-    for runout in tried:
+    for runout in _runouts() if law.fits_runout else [np.zeros(2)]:
+        z, chi2 = weighted.solve(_slopes(law, angles, runout))
         tail = runout / USUAL_RUNOUT if law.fits_runout else np.zeros(0)
-        theta = np.concatenate([np.zeros(n), angles, tail])
-        fixed = law.fixed(theta)
-        z, chi2 = weighted.solve(fixed.basis @ law.combinations)
         starts.append((chi2, np.concatenate([z, angles, tail])))
-    start = min(starts, key=lambda own: own[0])[1]
+    return _fit(problem, law, min(starts, key=lambda own: own[0])[1], steps)
+
+
+def _fit(problem: Problem, law: Law, start: np.ndarray, steps: int = STEPS) -> Fit:
     return fit_errors_in_variables(
         problem.matrix,
         problem.measured,
@@ -166,6 +182,46 @@ def _follow(problem: Problem, weighted: Weighted, law: Law, angles: np.ndarray, 
         prior=(np.zeros(len(start)), law.precision),
         steps=steps,
     )
+
+
+def _same_teeth(problem: Problem, law: Law, angles: np.ndarray) -> np.ndarray:
+    """The angles with one tooth of all cuts as tooth 0, where several are counted from starts of their own.
+
+    The harmonics of the tooth passing do not know the teeth apart, those between do by the runout: it is that of the first
+    cuts, and each further cut takes the tooth with which that runout explains it best.
+    """
+    free = [i for i in range(len(angles)) if not law.stated[i]]
+    if not law.fits_runout or len(free) < 2:
+        return angles
+    angles = angles.copy()
+    seen = law.turns[law.cut, free[0]] > 0
+    weighted = Weighted(problem.of_lines(seen))
+    runouts = _runouts()
+    chi2 = [weighted.solve(_slopes(law, angles, runout)[seen])[1] for runout in runouts]
+    runout = runouts[int(np.argmin(chi2))]
+    for i in free[1:]:
+        seen = seen | (law.turns[law.cut, i] > 0)
+        weighted = Weighted(problem.of_lines(seen))
+        shifts = angles[i] + law.period * np.arange(round(2 * np.pi / law.period))
+        chi2 = []
+        for shift in shifts:
+            angles[i] = shift
+            chi2.append(weighted.solve(_slopes(law, angles, runout)[seen])[1])
+        angles[i] = shifts[int(np.argmin(chi2))]
+    return angles
+
+
+def _runouts() -> list[np.ndarray]:
+    """Trials of (c0, s0), m."""
+    directions = np.linspace(0, 2 * np.pi, 8, endpoint=False)
+    return [np.zeros(2)] + [size * np.array([np.cos(a), np.sin(a)]) for size in RUNOUTS for a in directions]
+
+
+def _slopes(law: Law, angles: np.ndarray, runout: np.ndarray) -> np.ndarray:
+    """Force of unit unknowns on the lines.   runout : m   returns complex (line, axis, combination)"""
+    tail = runout / USUAL_RUNOUT if law.fits_runout else np.zeros(0)
+    fixed = law.fixed(np.concatenate([np.zeros(law.sizes[0]), angles, tail]))
+    return np.asarray(fixed.basis @ law.combinations)
 
 
 def _score(fit: Fit, law: Law) -> float:

@@ -162,6 +162,12 @@ def window_correlation(test: HitSpectra, frequency: np.ndarray) -> np.ndarray:
 
     frequency : (line,) Hz   returns complex (line, line)
     """
+    apart, place = np.unique(np.round(frequency[:, None] - frequency[None], 9), return_inverse=True)
+    return _transform(test, apart)[place].reshape(len(frequency), len(frequency))
+
+
+def _transform(test: HitSpectra, apart: np.ndarray) -> np.ndarray:
+    """Of the squared response window, counted from the pulse, 1 at 0.   apart : (n,) Hz   returns complex (n,)"""
     begin = float(test.force_start.mean())  # of both windows
     weight = np.abs(test.force).sum(axis=(0, 1))
     pulse = float(weight @ np.arange(len(weight)) / weight.sum())  # after that
@@ -169,9 +175,8 @@ def window_correlation(test: HitSpectra, frequency: np.ndarray) -> np.ndarray:
     sample = (np.arange(QUADRATURE) + 0.5) / QUADRATURE * (stop + fall)
     beyond = np.clip((sample - stop) / max(fall, 1e-9), 0.0, 1.0)
     square = (0.5 + 0.5 * np.cos(np.pi * beyond)) ** 2
-    apart, place = np.unique(np.round(frequency[:, None] - frequency[None], 9), return_inverse=True)
     turn = np.exp(-2j * np.pi * np.outer(apart, sample - pulse) / test.sample_rate)
-    return ((turn @ square) / square.sum())[place].reshape(len(frequency), len(frequency))
+    return np.asarray((turn @ square) / square.sum())
 
 
 def independent_lines(variance: np.ndarray, frf: Frf, frequency: np.ndarray) -> np.ndarray:
@@ -187,6 +192,19 @@ def independent_lines(variance: np.ndarray, frf: Frf, frequency: np.ndarray) -> 
     for c in range(columns):
         shared[c][:, at, :, at] = alike * np.einsum("ls,ms->slm", root[:, :, c], root[:, :, c])
     return shared
+
+
+def alike_lines(frf: Frf, frequency: np.ndarray, first: int) -> np.ndarray:
+    """How alike the errors of the FRF are between the first lines and the others, by its windows or its spacing.
+
+    frequency : (line,) Hz   returns complex (first, line - first)
+    """
+    step = frf.frequency[1] - frf.frequency[0]
+    apart = frequency[:first, None] - frequency[None, first:]
+    if not frf.tests:
+        return np.maximum(0.0, 1.0 - np.abs(apart) / step).astype(complex)
+    found, place = np.unique(np.round(np.abs(apart), 3), return_inverse=True)
+    return np.asarray(_transform(frf.tests[0], found)[place].reshape(apart.shape))
 
 
 def _triangle(frf: Frf, frequency: np.ndarray) -> np.ndarray:

@@ -19,11 +19,12 @@ from millcal.data import Check, Frf, Modes
 from millcal.errors import IllPosedError
 from millcal.numerics.errors_in_variables import parts, residual_covariance
 from millcal.physics.force_subspace import NAMES
+from millcal.physics.structure import convert_frf_variance
 from millcal.stages.forces.fit import LawFit, fit_law, free_force
 from millcal.stages.forces.frf_errors import frf_at
 from millcal.stages.forces.frf_of_modes import OFF, relative_disagreement
 from millcal.stages.forces.law import BELIEVED, law_of
-from millcal.stages.forces.problem import Note, Problem, runout_seen, signed_places
+from millcal.stages.forces.problem import RUNOUT_SEEN, Note, Problem, runout_seen, signed_places
 
 CHANCE = 1e-3  # that a right model is called wrong
 MUCH = 2.25  # chi-square per degree of freedom from which it matters; below, the intervals are widened by its root
@@ -31,7 +32,6 @@ IMPRECISE = 0.25  # relative standard deviation of Ktc or Krc
 USELESS = 0.01  # share of what is known
 NEARLY_SINGULAR = 20.0  # condition number of a line
 UNKNOWN_FORCE = 1.0  # standard deviation of a line's force over the force itself
-RUNOUT_SEEN = 0.03  # amplitude between the tooth-passing harmonics over theirs
 FAR = np.radians(2.0)  # from what is stated, of a tooth's angle
 MODES_OFF = 0.05  # of the FRF's size
 
@@ -48,8 +48,8 @@ class Judgement:
     sensor_share: np.ndarray  # (sensor,)
     recommended: str
     recommended_why: str
-    free_force: np.ndarray  # complex (line, axis) N, the law not asked
-    free_sd: np.ndarray  # (line, axis), root of E|error|^2
+    free_force: np.ndarray | None  # complex (line, axis) N, the law not asked; None with fewer sensors than axes
+    free_sd: np.ndarray | None  # (line, axis), root of E|error|^2
 
 
 def judge(problem: Problem, fitted: LawFit, frf: Frf, modes: Modes | None, note: Note) -> Judgement:
@@ -81,8 +81,24 @@ def judge(problem: Problem, fitted: LawFit, frf: Frf, modes: Modes | None, note:
     _tell_lines(problem, fitted, note)
     _tell_runout(problem, fitted, note)
     recommended, why = _recommended(frf_check.passed, law_check.passed)
+    alone = len(problem.sensors) >= len(problem.axes)
+    if not alone:
+        note(
+            "few-sensors",
+            f"{len(problem.sensors)} sensors for {len(problem.axes)} axes: only with the law is there a force at all, and little "
+            "to check it by; use as many sensors as axes and some more",
+        )
     return Judgement(
-        _verdict(checks), tuple(checks), fit.chi2, fit.dof, residual, share, recommended, why, free.force, free.sd
+        verdict=_verdict(checks),
+        checks=tuple(checks),
+        chi2=fit.chi2,
+        dof=fit.dof,
+        sensor_residual=residual,
+        sensor_share=share,
+        recommended=recommended,
+        recommended_why=why,
+        free_force=free.force if alone else None,
+        free_sd=free.sd if alone else None,
     )
 
 
@@ -134,7 +150,7 @@ def _free(problem: Problem, covariance: np.ndarray, sensors: Sequence[int]) -> _
     off = ((root @ left) ** 2).reshape(2, lines, -1).sum(axis=(0, 1))
     return _Free(
         chi2=float(left @ left),
-        dof=2 * lines * (len(chosen) - axes),
+        dof=2 * lines * max(len(chosen) - axes, 0),
         force=(solution[:n] + 1j * solution[n:]).reshape(lines, axes),
         sd=np.sqrt(np.maximum(variance[:n] + variance[n:], 0.0)).reshape(lines, axes),
         residual=off / np.maximum(expected.reshape(2, lines, -1).sum(axis=(0, 1)), 1e-300),
@@ -303,25 +319,22 @@ def _modes_check(problem: Problem, frf: Frf) -> Check:
 
 def _measured(problem: Problem, frf: Frf) -> np.ndarray:
     rows, row_sign = signed_places(problem.sensors, frf.outputs)
-    columns = [next(i for i, name in enumerate(frf.inputs) if name.lower().endswith(axis)) for axis in problem.axes]
-    sign = np.array([-1.0 if frf.inputs[c].startswith("-") else 1.0 for c in columns])
-    return frf_at(frf, problem.frequency, rows, columns) * row_sign[:, None] * sign
+    sign = np.array([-1.0 if frf.inputs[column].startswith("-") else 1.0 for column in problem.columns])
+    return frf_at(frf, problem.frequency, rows, list(problem.columns)) * row_sign[:, None] * sign
 
 
 def _noise_of(problem: Problem, frf: Frf) -> float:
     """Mean variance of the measured FRF at the lines, as an accelerance; 0 where it says nothing."""
-    if frf.variance is None or frf.form != "accelerance":
+    if frf.variance is None:
         return 0.0
     near = [int(np.argmin(np.abs(frf.frequency - f))) for f in problem.frequency]
-    return float(np.nanmean(frf.variance[near]))
+    rows, _ = signed_places(problem.sensors, frf.outputs)
+    own = frf.variance[near][:, rows][:, :, list(problem.columns)]
+    return float(np.nanmean(convert_frf_variance(frf.frequency[near], own, frf.form, "accelerance")))
 
 
 def _tell_sensors(problem: Problem, fitted: LawFit, share: np.ndarray, note: Note) -> None:
-    useless = [
-        sensor
-        for sensor, own in zip(problem.sensors, share, strict=True)
-        if own < USELESS / max(1, len(problem.sensors) / 6)
-    ]
+    useless = [sensor for sensor, own in zip(problem.sensors, share, strict=True) if own < USELESS]
     if useless:
         note(
             "useless-sensors",

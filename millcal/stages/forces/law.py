@@ -20,7 +20,8 @@ from millcal.stages.forces.problem import Problem
 
 UNITS = dict(zip(NAMES, ("N/m^2",) * 3 + ("N/m",) * 3, strict=True))
 BELIEVED = np.radians(3.0)  # standard deviation of an angle that somebody has stated
-PULSE = 0.3  # samples: standard deviation of where a pulse is in one cut
+PULSE = 0.3  # samples: standard deviation of where a pulse is in one cut, where the cut does not say it
+LEAST = 0.05  # the same at least
 USUAL_RUNOUT = 20e-6  # m: standard deviation of c0 and s0 before anything is known
 STEP = 1e-8  # m, of the difference that is the slope by the runout
 
@@ -179,7 +180,6 @@ def _angles(cuts: Sequence[CutVibration], phase: str) -> tuple[np.ndarray, np.nd
 
     returns (cut, angle), (angle,) 1/rad^2, (angle,)
     """
-    sources = [cut.angle_from for cut in cuts]
     if phase == "known":
         unknown = [cut.name for cut in cuts if cut.angle_from != "stated"]
         if unknown:
@@ -188,14 +188,27 @@ def _angles(cuts: Sequence[CutVibration], phase: str) -> tuple[np.ndarray, np.nd
                 'phase = "fit"'
             )
         return np.zeros((len(cuts), 0)), np.zeros(0), np.zeros(0, bool)
-    keys: list[object] = [number if source == "speed" else source for number, source in enumerate(sources)]
+    keys = [_counted_from(number, cut) for number, cut in enumerate(cuts)]
     names = list(dict.fromkeys(keys))
     turns = [np.array([key == name for key in keys], float) for name in names]
-    precision = [BELIEVED**-2 if name == "stated" and phase == "auto" else 0.0 for name in names]
-    stated = [name == "stated" for name in names]
+    stated = [name[0] for name in names]
+    precision = [BELIEVED**-2 if said and phase == "auto" else 0.0 for said in stated]
     for number, (cut, key) in enumerate(zip(cuts, keys, strict=True)):
         if keys.count(key) > 1:
             turns.append(np.eye(len(cuts))[number])
-            precision.append((PULSE * 2 * np.pi * cut.spindle_frequency / cut.sample_rate) ** -2)
+            precision.append(_pulse_sd(cut) ** -2)
             stated.append(True)
     return np.stack(turns, axis=1), np.array(precision), np.array(stated, bool)
+
+
+def _counted_from(number: int, cut: CutVibration) -> tuple[bool, str]:
+    """Whether the angle was stated, and what it is the angle of: one for all pulses, one for each first sample."""
+    stated = cut.angle_from == "stated"
+    mark = cut.counts_from or ("pulse" if stated else {"speed": "start"}.get(cut.angle_from, cut.angle_from))
+    return stated, f"start {number}" if mark == "start" else mark
+
+
+def _pulse_sd(cut: CutVibration) -> float:
+    """By how much the pulse or the encoder's zero of one cut may stand off that of the others, rad."""
+    sample = 2 * np.pi * cut.spindle_frequency / cut.sample_rate
+    return PULSE * sample if cut.angle_sd is None else max(cut.angle_sd, LEAST * sample)

@@ -16,12 +16,18 @@ from millcal.errors import IllPosedError
 from millcal.numerics.errors_in_variables import MatrixError
 from millcal.physics.cutter import Cutter
 from millcal.physics.force_subspace import orders_of
+from millcal.physics.structure import DERIVATIVES
 from millcal.stages.forces.frf_errors import BENT, frf_at, independent_lines, measured_error
 from millcal.stages.forces.frf_of_modes import missed, modal_error, modal_frf
 
-USUAL_HARMONICS = 4  # of the tooth passing: more say little, and their noise is the more
+MOST_HARMONICS = 12  # of the tooth passing, where nobody says how many: noise weights what little the last ones say
+FEWEST_HARMONICS = 4
+MOST_LINES = 72  # of all cuts: the work grows with their cube
+BETWEEN = 3  # times the teeth: harmonics of the spindle up to there tell the runout
 FEWEST_SENSORS = 2
+FEWEST_LINES = 8  # of an FRF: fewer are no curve
 KEPT = 30  # harmonics of the spindle, at least
+RUNOUT_SEEN = 0.01  # amplitude between the harmonics of the tooth passing over theirs
 SEEN = 9.0  # times its variance, from which a harmonic is one: noise gets there once in 8000
 CHANCE_OF_LINES = 2.0  # times sensors over lines: how far a covariance is drawn to its diagonal
 
@@ -43,10 +49,7 @@ class Problem:
     measured: np.ndarray  # complex (line, sensor) m/s^2
     noise: np.ndarray  # complex (line, sensor, sensor) (m/s^2)^2
     frf_variance: np.ndarray  # (line, sensor, axis), of the matrix
-
-    def of_cut(self, number: int) -> "Problem":
-        """The lines of one cut."""
-        return self.of_lines(self.cut == number)
+    columns: tuple[int, ...]  # of the FRF, of each axis
 
     def of_lines(self, chosen: np.ndarray) -> "Problem":
         """Some of the lines.   chosen : (line,) bool"""
@@ -77,7 +80,7 @@ def problem_of(
 ) -> Problem:
     """Match sensors and axes, choose the lines, and take the FRF and all errors there.
 
-    harmonics : of the tooth passing; None takes `USUAL_HARMONICS`, fewer where the FRF ends
+    harmonics : of the tooth passing; None takes as many as the FRF covers, within reason
     runout : whether the harmonics of the spindle between those of the tooth passing are lines too
 
     Raises
@@ -85,8 +88,9 @@ def problem_of(
     IllPosedError
         The cuts and the FRF have too few sensors in common, or no line lies in the band of the FRF.
     """
-    sensors = sensors_in_common(cuts, frf, note)
     axes, columns = axes_of(frf)
+    check_frf(frf, modes is not None)
+    sensors = sensors_in_common(cuts, frf, columns, note)
     lines = lines_of(cuts, frf, harmonics, runout, note)
     cut = np.array([number for number, _, _ in lines])
     order = np.array([k for _, k, _ in lines])
@@ -121,7 +125,31 @@ def problem_of(
             [_shrunk(cuts[c].covariance[k][np.ix_(own[c], own[c])], cuts[c].lines_between[k]) for c, k, _ in lines]
         ),
         frf_variance=variance,
+        columns=tuple(columns),
     )
+
+
+def check_frf(frf: Frf, modal: bool = False) -> None:
+    """Refuse an FRF that cannot stand between force and acceleration.   modal : whether fitted modes take its place
+
+    Raises
+    ------
+    IllPosedError
+    """
+    if frf.form not in DERIVATIVES:
+        raise IllPosedError(
+            f"frf: a {frf.form} is force over force and says nothing of motion; give the FRF from the hammer to the sensors"
+        )
+    inside = (frf.frequency > 0) & (frf.frequency >= frf.usable_band[0]) & (frf.frequency <= frf.usable_band[1])
+    if inside.sum() < FEWEST_LINES:
+        raise IllPosedError(
+            f"frf: {inside.sum()} lines in its usable band, at least {FEWEST_LINES} make a curve; measure longer records"
+        )
+    if frf.damping_shift and not modal:
+        raise IllPosedError(
+            "frf: it was estimated with an exponential window, which damps every mode more than the machine does in a cut; "
+            'estimate it without, or take the modes fitted to it (--modes, frf = "modes")'
+        )
 
 
 def _shrunk(covariance: np.ndarray, lines: float) -> np.ndarray:
@@ -158,9 +186,14 @@ def axes_dofs(frf: Frf, columns: Sequence[int]) -> list[str]:
     return [frf.inputs[column].lstrip("+-") for column in columns]
 
 
-def sensors_in_common(cuts: Sequence[CutVibration], frf: Frf, note: Note) -> tuple[str, ...]:
-    """Dofs that every cut and the FRF have, in the order of the first cut."""
-    known = [name.lstrip("+-") for name in frf.outputs]
+def sensors_in_common(cuts: Sequence[CutVibration], frf: Frf, columns: Sequence[int], note: Note) -> tuple[str, ...]:
+    """Dofs that every cut and the FRF have, in the order of the first cut.   columns : of the FRF, that are needed"""
+    inside = (frf.frequency > 0) & (frf.frequency >= frf.usable_band[0]) & (frf.frequency <= frf.usable_band[1])
+    whole = np.isfinite(frf.values[inside][:, :, list(columns)]).all(axis=(0, 2))
+    known = [name.lstrip("+-") for name, measured in zip(frf.outputs, whole, strict=True) if measured]
+    partly = [name for name, measured in zip(frf.outputs, whole, strict=True) if not measured]
+    if partly:
+        note("frf-in-part", f"{', '.join(partly)}: not measured from every direction of the hammer, so left out")
     common = tuple(dof for dof in cuts[0].sensors if dof in known and all(dof in cut.sensors for cut in cuts))
     if len(common) < FEWEST_SENSORS:
         heard = ", ".join(cuts[0].sensors)
@@ -209,12 +242,16 @@ def lines_of(
     """The lines: cut, order of the spindle, frequency in Hz; those that the FRF covers and the cut holds."""
     low, high = frf.usable_band
     lines, beyond = [], []
+    wanted = harmonics or harmonics_for(cuts[0].cutter, len(cuts), runout)
     for number, cut in enumerate(cuts):
-        found = [
-            (number, order, order * cut.spindle_frequency)
-            for order in force_orders(cut.cutter, harmonics or USUAL_HARMONICS, runout)
-            if order < cut.harmonics.shape[1]
-        ]
+        orders = force_orders(cut.cutter, wanted, runout)
+        found = [(number, k, k * cut.spindle_frequency) for k in orders if k < cut.harmonics.shape[1]]
+        if harmonics and len(found) < len(orders):
+            note(
+                "harmonics-left-out",
+                f"{cut.name}: of {harmonics} harmonics of the tooth passing its record holds "
+                f"{(cut.harmonics.shape[1] - 1) / cut.cutter.teeth:.3g}; sample faster, or ask for fewer",
+            )
         inside = [line for line in found if max(low, 1e-9) <= line[2] <= high]
         beyond += [line[2] for line in found if line not in inside]
         if not inside:
@@ -240,13 +277,23 @@ def force_orders(cutter: Cutter, harmonics: int, runout: bool) -> list[int]:
     The first is the spindle's own as well: every rotor has some unbalance, which acts elsewhere. So it is left out unless it
     is that of the tooth passing.
     """
-    orders = np.arange(1, harmonics * cutter.teeth + 1) if runout else orders_of(cutter, harmonics)
-    return [int(order) for order in orders if order > 1 or cutter.teeth == 1]
+    orders = set(orders_of(replace(cutter, runout=0.0), harmonics))
+    if runout:
+        orders |= set(range(2, min(BETWEEN, harmonics) * cutter.teeth))
+    return sorted(int(order) for order in orders if order > 1 or cutter.teeth == 1)
+
+
+def harmonics_for(cutter: Cutter, cuts: int, runout: bool) -> int:
+    """How many harmonics of the tooth passing are taken where nobody says it: all that help, within what is affordable."""
+    for harmonics in range(MOST_HARMONICS, FEWEST_HARMONICS, -1):
+        if cuts * len(force_orders(cutter, harmonics, runout)) <= MOST_LINES:
+            return harmonics
+    return FEWEST_HARMONICS
 
 
 def spindle_harmonics(cutter: Cutter, harmonics: int | None) -> int:
     """Harmonics of the spindle that conditioning has to keep for so many of the tooth passing."""
-    return max(KEPT, (harmonics or USUAL_HARMONICS) * cutter.teeth)
+    return max(KEPT, (harmonics or MOST_HARMONICS) * cutter.teeth)
 
 
 def runout_seen(cuts: Sequence[CutVibration]) -> float:
