@@ -242,14 +242,18 @@ def _forces(
     forces = reconstruct_forces(cuts, results["frf"], modes=modes, progress=progress, **options.arguments())
     if options.advise_rpm is None:
         return forces
-    advice = advise_speeds(
-        results["frf"],
-        forces.cutter,
-        forces.conditions[-1],
-        spindle_speed=in_si(options.advise_rpm, "rpm"),
-        harmonics=options.harmonics,
-        given=forces,
-    )
+    try:
+        advice = advise_speeds(
+            results["frf"],
+            forces.cutter,
+            forces.conditions[-1],
+            spindle_speed=in_si(options.advise_rpm, "rpm"),
+            harmonics=options.harmonics,
+            given=forces,
+        )
+    except IllPosedError as problem:
+        told = Notice("no-advice", f"no speeds for the next cut: {problem}", "forces.advise_rpm")
+        return replace(forces, notices=(*forces.notices, told))
     return replace(forces, advice=advice)
 
 

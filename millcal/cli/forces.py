@@ -124,7 +124,8 @@ def forces(
         _without_cuts(advise, setup, {**of_cuts, "--map": maps, "--unit": units, "--rate-hz": rate_hz})
     phases = for_each(spindle_phase_deg, len(recordings), "--spindle-phase-deg") if recordings else []
     read = [*recordings, frf, modes, setup]
-    check_files(read, [output, table, figure])
+    check_files(recordings, [])
+    check_files(read, [output, table, figure], once=False)
 
     with progress_bar(quiet) as progress:
         progress(0.0, frf.name)

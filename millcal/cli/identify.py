@@ -165,7 +165,8 @@ def identify(
     starts = for_each(path_start_s, number, "--path-start-s")
     phases = for_each(spindle_phase_deg, number, "--spindle-phase-deg")
     read = [*recordings, setup, sensor, frf, modes, *(engagement or ())]
-    check_files(read, [output, table, figure], once=hearing)
+    check_files(recordings if hearing else [], [])
+    check_files(read, [output, table, figure], once=False)
     known = bounds_of(bounds)
 
     import numpy as np

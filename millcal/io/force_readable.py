@@ -1,6 +1,7 @@
 """What forces from accelerations say to a reader: coefficients, harmonics, what cannot be told, methods side by side."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -123,7 +124,7 @@ def _harmonics(forces: ForceHarmonics, s: Mapping[str, Any]) -> str:
     for line in s["harmonics"][:HARMONICS_SHOWN]:
         # harmonics of the spindle between those of the teeth are told as what they are of the tooth passing
         k = line["k"] if line["k"] is not None else f"{line['spindle_harmonic']}/{forces.cutter.teeth}"
-        row = [*([line["cut"]] if several else []), k, line["frequency_hz"]]
+        row = [*([PurePath(line["cut"]).stem] if several else []), k, line["frequency_hz"]]
         for axis in axes:
             row += [line[f"F{axis}_amplitude_N"], line[f"F{axis}_sd_N"]]
         rows.append([*row, line["condition_number"]])

@@ -148,7 +148,8 @@ def test_options_reach_the_stage_and_the_truth_still_comes_back(run, options):
     assert code == 0, err
     result = found(out)
     assert result["coefficients"]["Ktc"]["value"] == pytest.approx(TRUTH["Ktc"], rel=0.06)
-    assert len(result["harmonics"]) == (4 if "--harmonics" in options else 8)
+    lines = len(result["harmonics"])
+    assert lines == 4 if "--harmonics" in options else lines > 8  # as many as the FRF covers
     assert result["phase_from"] == ("stated" if "--phase" in options else "fitted")
     assert result["frf_from"] == ("modes" if "--modes" in options else "measured")
 
@@ -158,7 +159,7 @@ def test_table_and_figure_are_written_and_told_of(run, tmp_path):
     code, out, _ = run("--csv", table, "--figure", figure)
     assert code == 0
     assert out.splitlines()[-2:] == [f"csv: {table}", f"figure: {figure}"]
-    assert len(list(csv.DictReader(table.open(newline="")))) == 8
+    assert len(list(csv.DictReader(table.open(newline="")))) == 20
     assert b"<svg" in figure.read_bytes()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["f.h5", "h.csv", "h.svg"]
 
