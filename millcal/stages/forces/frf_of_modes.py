@@ -15,6 +15,8 @@ from millcal.numerics.errors_in_variables import MatrixError
 from millcal.physics.structure import convert_frf, convert_frf_variance, modal_receptance
 
 NEIGHBOURS = 6  # lines of the FRF to either side, over which what the modes miss is averaged
+OWN = 0.5  # share of the covariance of a fit's parameters that is taken for each one's own: leaving out nine hits tells sixty
+# parameters' errors in as few directions as there are hits, and many cuts would find those in which there is none
 OFF = 3.0  # times the deviation that noise lets expect, rms over the lines: beyond, the modes are not the structure
 
 
@@ -32,27 +34,41 @@ def modal_error(
     returns the errors, and the variance of each entry (line, sensor, input)
     """
     fit = _fit_of(modes)
-    sides = []
-    for sign in (1.0, -1.0):
-        sides.append(
-            [
-                _accelerance(
-                    fit,
-                    frequency,
-                    modes.natural_frequency + sign * df,
-                    np.clip(modes.damping_ratio + sign * dz, 1e-6, 0.99),
-                    fit.residue + sign * dr,
-                    sensors,
-                    inputs,
-                )
-                for df, dz, dr in zip(
-                    fit.frequency_deviation, fit.damping_deviation, fit.residue_deviation, strict=True
-                )
-            ]
+    if not len(fit.frequency_deviation):
+        nothing = np.zeros((0, len(frequency), len(sensors), len(inputs)), complex)
+        return MatrixError(deviations=nothing), np.zeros(nothing.shape[1:])
+
+    def moved(df: np.ndarray, dz: np.ndarray, dr: np.ndarray) -> np.ndarray:
+        """Half the difference of the accelerances to either side."""
+        high, low = (
+            _accelerance(
+                fit,
+                frequency,
+                modes.natural_frequency + sign * df,
+                np.clip(modes.damping_ratio + sign * dz, 1e-6, 0.99),
+                fit.residue + sign * dr,
+                sensors,
+                inputs,
+            )
+            for sign in (1.0, -1.0)
         )
-    deviations = (np.array(sides[0]) - np.array(sides[1])) / 2
-    if not len(deviations):
-        deviations = np.zeros((0, len(frequency), len(sensors), len(inputs)), complex)
+        return (high - low) / 2
+
+    parameters = fit.frequency_deviation, fit.damping_deviation, fit.residue_deviation
+    left_out = [moved(*own) for own in zip(*parameters, strict=True)]
+    still, held = np.zeros_like(modes.natural_frequency), np.zeros_like(fit.residue)
+    frequency_sd, damping_sd = (np.sqrt(np.sum(own**2, axis=0)) for own in parameters[:2])
+    alone = []
+    for mode in np.eye(len(still)):
+        alone += [moved(frequency_sd * mode, still, held), moved(still, damping_sd * mode, held)]
+    for unit in (1.0, 1j):
+        part = fit.residue_deviation.real if unit == 1.0 else fit.residue_deviation.imag
+        sd = np.sqrt(np.sum(part**2, axis=0))
+        for place in zip(*np.nonzero(sd > 0), strict=True):
+            dr = held.astype(complex)
+            dr[place] = unit * sd[place]
+            alone.append(moved(still, still, dr))
+    deviations = np.concatenate([np.sqrt(1 - OWN) * np.array(left_out), np.sqrt(OWN) * np.array(alone)])
     return MatrixError(deviations=deviations), np.sum(np.abs(deviations) ** 2, axis=0)
 
 
