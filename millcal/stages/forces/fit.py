@@ -8,14 +8,17 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from millcal.errors import IllPosedError
 from millcal.numerics.errors_in_variables import STEPS, Fit, fit_errors_in_variables, parts, residual_covariance
+from millcal.numerics.linear_inverse import as_real
 from millcal.stages.forces.law import USUAL_RUNOUT, Law
 from millcal.stages.forces.problem import Problem
 
 TRIALS = 12  # angles over a period of the highest line, whose minima are the narrowest
-FOLLOWED = 3  # of them, to their minimum
+FOLLOWED = 3  # of them, to their minimum,
+HOPEFUL = 2.0  # where chi-square is at most so many times the best one's
 RUNOUTS = (2e-6, 6e-6, 15e-6)  # m, tried in eight directions
 ALIKE = 6.0  # of chi-square: what lies closer than this to the best is as good
 APART = np.radians(5.0)  # of two angles that are not one
@@ -41,13 +44,17 @@ class Weighted:
 
     def __init__(self, problem: Problem) -> None:
         covariance = residual_covariance(problem.noise, problem.error, free_force(problem))
-        self.matrix = problem.matrix
-        self.root = np.linalg.cholesky(covariance)
-        self.data = np.linalg.solve(self.root, parts(problem.measured))
+        root = np.linalg.cholesky(covariance)
+        lines, rows, axes = problem.matrix.shape
+        blocks = np.zeros((lines, rows, lines, axes), complex)
+        blocks[np.arange(lines), :, np.arange(lines), :] = problem.matrix
+        whole = as_real(blocks.reshape(lines * rows, lines * axes))
+        self.matrix = solve_triangular(root, whole, lower=True, check_finite=False)  # (2 line row, 2 line axis)
+        self.data = solve_triangular(root, parts(problem.measured), lower=True, check_finite=False)
 
     def solve(self, slopes: np.ndarray) -> tuple[np.ndarray, float]:
         """Unknowns of slopes (line, axis, unknown), and chi-square."""
-        A = np.linalg.solve(self.root, parts(self.matrix @ slopes))
+        A = self.matrix @ parts(slopes)
         z = np.linalg.lstsq(A, self.data, rcond=None)[0]
         return z, float(np.sum((self.data - A @ z) ** 2))
 
@@ -254,4 +261,5 @@ def _best_angles(problem: Problem, law: Law, angle: int) -> list[float]:
     rises = [b > a for a, b in pairwise(around)]
     minima = [i for i in range(count) if not rises[i] and rises[i + 1]]
     minima = sorted(minima or [int(np.argmin(chi2))], key=lambda i: chi2[i])
-    return [float(trials[i]) for i in minima[:FOLLOWED]]
+    hopeful = [i for i in minima[:FOLLOWED] if chi2[i] <= HOPEFUL * chi2[minima[0]] + PENALTY]
+    return [float(trials[i]) for i in hopeful]
