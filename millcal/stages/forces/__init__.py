@@ -22,10 +22,11 @@ from millcal.physics.force_subspace import NAMES, harmonic_basis
 from millcal.stages.forces import methods
 from millcal.stages.forces.advice import advise_speeds
 from millcal.stages.forces.fit import LawFit, fit_law
-from millcal.stages.forces.judge import MUCH, judge, line_condition
+from millcal.stages.forces.judge import MUCH, judge
 from millcal.stages.forces.law import UNITS, Law, law_of
 from millcal.stages.forces.methods import Reconstruction, coefficients_from_force, solver, system_of
 from millcal.stages.forces.problem import RUNOUT_SEEN, Problem, notice_collector, problem_of, runout_seen
+from millcal.stages.forces.remarks import line_condition
 
 __all__ = ["PHASES", "advise_speeds", "reconstruct_forces"]
 
