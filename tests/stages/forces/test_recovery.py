@@ -228,7 +228,7 @@ def test_several_cuts_of_one_cutter_have_one_answer_and_each_its_force():
     for number, cut in enumerate(cuts):
         own = found.cut == number
         assert found.frequency[own] == pytest.approx(found.order[own] * cut.spindle_frequency)
-        true = force_harmonics(LAW, cutter, cut.conditions, 16)[:, found.order[own]].T
+        true = force_harmonics(LAW, cutter, cut.conditions, int(found.order.max()))[:, found.order[own]].T
         assert np.abs(found.force[own] - true).max() < 2e-3 * np.abs(true).max()
     result = coefficients_of_forces(found)
     assert result.measured.shape == (3, 3, len(result.angle))
