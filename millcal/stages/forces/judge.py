@@ -22,7 +22,7 @@ from millcal.physics.force_subspace import NAMES
 from millcal.physics.structure import convert_frf_variance
 from millcal.stages.forces.fit import LawFit, fit_law, free_force
 from millcal.stages.forces.frf_errors import frf_at
-from millcal.stages.forces.frf_of_modes import OFF, relative_disagreement
+from millcal.stages.forces.frf_of_modes import OFF, modal_error, relative_disagreement
 from millcal.stages.forces.law import BELIEVED, law_of
 from millcal.stages.forces.problem import Note, Problem, signed_places
 from millcal.stages.forces.remarks import line_condition, tell_lines, tell_runout, tell_sensors
@@ -74,7 +74,7 @@ def judge(problem: Problem, fitted: LawFit, frf: Frf, modes: Modes | None, note:
         Check("minimum", fit.converged, "the fit stands at its minimum" if fit.converged else "the fit did not end"),
     ]
     if modes is not None:
-        checks.append(_modes_check(problem, frf))
+        checks.append(_modes_check(problem, frf, modes))
     tell_sensors(problem, fitted, share, note)
     tell_lines(problem, fitted, note)
     tell_runout(problem, fitted, note)
@@ -303,12 +303,13 @@ def _precision_check(problem: Problem, fitted: LawFit) -> Check:
     )
 
 
-def _modes_check(problem: Problem, frf: Frf) -> Check:
-    """Whether the modes are the measured FRF at the lines."""
+def _modes_check(problem: Problem, frf: Frf, modes: Modes) -> Check:
+    """Whether the modes are the measured FRF at the lines, to the noise of both: what they miss of it is no noise."""
     measured = _measured(problem, frf)
     off = relative_disagreement(measured, problem.matrix)
     seen = np.sqrt(np.mean(np.abs(measured - problem.matrix) ** 2))
-    noise = float(np.sqrt(np.mean(problem.frf_variance) + _noise_of(problem, frf)))
+    own = modal_error(modes, problem.frequency, problem.sensors, [frf.inputs[column] for column in problem.columns])[1]
+    noise = float(np.sqrt(np.mean(own) + _noise_of(problem, frf)))
     said = f"the modes are {off:.1%} off the measured FRF at the lines, {seen / max(noise, 1e-300):.2g} times its noise"
     if off > MODES_OFF and seen > OFF * noise:
         return Check("modes", False, f"{said}: modes are missing; take the measured FRF, or fit more of them")
