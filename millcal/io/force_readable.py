@@ -160,7 +160,7 @@ def _advice(s: Mapping[str, Any]) -> str:
     rows = []
     for best in s["best"]:
         spread = [None if best["relative_sd"][name] is None else 100 * best["relative_sd"][name] for name in names]
-        rows.append((round(best["rpm"]), *spread, best["condition_number"], best["worst_harmonic"]))
+        rows.append((round(best["rpm"]), *spread, best["condition_number"], f"{best['worst_harmonic']:g}"))
     finite = [
         max(values) for values in s["curve"]["relative_sd"].values() if values and not any(v is None for v in values)
     ]
