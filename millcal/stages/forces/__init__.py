@@ -86,12 +86,21 @@ def reconstruct_forces(
     tell = progress or (lambda share, label: None)
     notices, note = notice_collector(" ".join(cut.name for cut in cuts))
 
-    tell(0.0, "FRF at the harmonics")
+    def fit(fits_runout: bool) -> tuple[Problem, Law, LawFit]:
+        notices.clear()
+        tell(0.0, "FRF at the harmonics")
+        problem = problem_of(cuts, frf, harmonics, modes, fits_runout or cuts[0].cutter.runout > 0, note)
+        law = law_of(problem, phase, fits_runout)
+        tell(0.3, "force")
+        return problem, law, fit_law(problem, law)
+
     fits_runout = _fits_runout(cuts, runout)
-    problem = problem_of(cuts, frf, harmonics, modes, fits_runout or cuts[0].cutter.runout > 0, note)
-    law = law_of(problem, phase, fits_runout)
-    tell(0.3, "force")
-    fitted = fit_law(problem, law)
+    try:
+        problem, law, fitted = fit(fits_runout)
+    except IllPosedError:
+        if not fits_runout or runout == "fit":
+            raise
+        problem, law, fitted = fit(False)  # nobody asked for it, and the lines do not tell it
     turned = law.fixed(fitted.fit.theta)
     answers = _all_methods(problem, fitted, turned, method, regularization, slack, note)
     tell(0.8, "checks")

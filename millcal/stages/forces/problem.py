@@ -28,7 +28,7 @@ FEWEST_SENSORS = 2
 FEWEST_LINES = 8  # of an FRF: fewer are no curve
 KEPT = 30  # harmonics of the spindle, at least
 RUNOUT_SEEN = 0.01  # amplitude between the harmonics of the tooth passing over theirs
-SEEN = 9.0  # times its variance, from which a harmonic is one: noise gets there once in 8000
+CHANCE_OF_RUNOUT = 1e-3  # that the noise of a cut looks like one
 CHANCE_OF_LINES = 2.0  # times sensors over lines: how far a covariance is drawn to its diagonal
 
 Note = Callable[..., None]  # takes code, sentence and level of a notice
@@ -310,7 +310,10 @@ def runout_seen(cuts: Sequence[CutVibration]) -> float:
             continue
         noise = np.einsum("kss->ks", cut.covariance[between]).real
         power = np.abs(cut.harmonics[:, between].T) ** 2
-        excess = np.sum(np.where(power > SEEN * noise, power, 0.0))
+        # power over the mean of as many lines of noise goes beyond x with the chance (1 + x / lines)^-lines
+        lines = np.maximum(cut.lines_between[between], 1.0)[:, None]
+        seen = lines * np.expm1(np.log(power.size / CHANCE_OF_RUNOUT) / lines)
+        excess = np.sum(np.where(power > seen * noise, power, 0.0))
         shares.append(float(np.sqrt(excess / max(np.sum(np.abs(cut.harmonics[:, passing]) ** 2), 1e-300))))
     return max(shares)
 
