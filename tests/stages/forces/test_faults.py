@@ -81,6 +81,7 @@ def test_nothing_is_told_where_nothing_is_wrong(modes, seeds):
     told = [own.verdict for own in found if own.verdict.startswith("does not fit")]
     print(f"{modes} modes: {len(told)} of {seeds} told; chi2 {np.mean([own.chi2 for own in found]):.2f}")
     assert len(told) <= 0.03 * seeds
+    assert sum(own.runout is not None for own in found) <= 0.01 * seeds
     assert not any("minimum" in failed(own) for own in found)
 
 
@@ -183,6 +184,19 @@ def test_runout_that_is_taken_for_none_is_told():
     assert "runout-fitted" in codes(reconstruct_forces([cut], frf))
 
 
+@pytest.mark.parametrize("size", [8.0, 40.0])
+def test_a_tone_of_the_machine_that_looks_like_runout_stops_nothing_and_deceives_nobody(size):
+    """At one sensor, in deviations of a harmonic: the coefficients are right with and without such a runout, or do not fit."""
+    _, frf, cut = machine(3)
+    plain = reconstruct_forces([cut], frf)
+    for row in range(6):
+        harmonics = cut.harmonics.copy()
+        harmonics[row, 3] = size * np.sqrt(cut.covariance[3, row, row].real)
+        found = reconstruct_forces([replace(cut, harmonics=harmonics)], frf)
+        right = abs(found.posterior["Ktc"] / plain.posterior["Ktc"] - 1) < 0.25
+        assert right or found.verdict.startswith("does not fit"), found.verdict
+
+
 @pytest.mark.parametrize(("harmonic", "noise", "taps"), [(1, 5.0, 1.0), (2, 0.5, 6.0)])
 def test_a_speed_at_an_anti_resonance_is_told_with_its_harmonic(harmonic, noise, taps):
     """Noise of the cut, or of the impact test, that other speeds bear."""
@@ -205,6 +219,24 @@ def test_forces_that_the_structure_hardly_shows_are_told_line_by_line():
     assert "harmonic 1 of cut.h5 at 70 Hz" in message
     assert found.condition[0] > 20.0
     assert "\n" not in message
+
+
+def test_what_is_left_out_is_told():
+    _, frf, cut = machine(3)
+    partly = frf.values.copy()
+    partly[:, 1, 2] = np.nan
+    found = reconstruct_forces([cut], replace(frf, values=partly))
+    assert SENSORS[1] not in found.sensors
+    assert "frf-in-part" in codes(found)
+    assert "harmonics-left-out" in codes(reconstruct_forces([cut], frf, harmonics=8))
+    two = replace(frf, values=frf.values[:, :2], outputs=SENSORS[:2], variance=frf.variance[:, :2],
+                  coherence=None, multiple_coherence=None, tests=())  # fmt: skip
+    found = reconstruct_forces([cut], two)
+    assert "few-sensors" in codes(found)
+    assert found.free_force is None
+    assert found.sensors == SENSORS[:2]
+    edge = reconstruct_forces([cut], frf, method="tikhonov", regularization="l-curve")
+    assert "regularization-edge" in codes(edge)
 
 
 def test_records_that_do_not_belong_together_are_refused_in_one_line():

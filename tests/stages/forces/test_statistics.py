@@ -90,7 +90,10 @@ def test_those_with_an_frf_that_the_project_found_itself_do_too(seeds):
 
 @pytest.mark.parametrize("seeds", [6, pytest.param(200, marks=pytest.mark.long)])
 def test_those_of_partial_cuts_with_runout_on_other_structures_do_too(seeds):
-    """Three teeth, 8 um, up; the runout is nobody's knowledge and its intervals hold as well."""
+    """Three teeth, 8 um, up; the runout is nobody's knowledge and its intervals hold as well.
+
+    A pulse does not know the teeth apart, so the runout is that from any of them.
+    """
     cutter = Cutter(20e-3, 3, runout=8e-6, runout_angle=1.0)
     found, scaled = [], []
     for s in range(seeds):
@@ -104,7 +107,9 @@ def test_those_of_partial_cuts_with_runout_on_other_structures_do_too(seeds):
         ]  # fmt: skip
         own = reconstruct_forces(cuts, drawn_frf(of, np.random.default_rng(s)), runout="fit")
         found.append(own)
-        scaled.append((np.array(own.runout) - 8e-6 * np.array([np.cos(1.0), np.sin(1.0)])) / own.runout_sd)
+        teeth = 1.0 + 2 * np.pi / 3 * np.arange(3)
+        off = (np.array(own.runout) - 8e-6 * np.stack([np.cos(teeth), np.sin(teeth)], axis=1)) / own.runout_sd
+        scaled.append(min(off, key=np.linalg.norm))
     assert_covered(found, "three teeth with runout")
     print(f"runout: rms of c0, s0 in deviations {np.sqrt(np.mean(np.square(scaled), axis=0)).round(2)}")
     assert np.mean(np.abs(scaled) < 1.96) > 0.90 - 3 * np.sqrt(0.05 * 0.95 / (2 * seeds))
