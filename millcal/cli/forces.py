@@ -214,7 +214,7 @@ def _advised(
         cutter, conditions = found.cutter, found.conditions[-1]
         speeds = [cut.spindle_speed for cut in found.conditions]
     else:
-        stated = read_setup(setup)
+        stated = read_setup(setup, spindle_speed_rpm=None if rpm is None else sum(rpm) / 2)  # it is what is asked for
         cutter, conditions = stated.cutter, stated.conditions
         for missing, value in (("cutter", cutter), ("conditions", conditions)):
             if value is None:

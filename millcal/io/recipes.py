@@ -194,13 +194,19 @@ def read_recipe(path: Path) -> Recipe:
     )
 
 
-def read_setup(path: Path, *, feed_per_tooth_mm: float | None = None) -> Setup:
-    """Read and check a SETUP.toml.   feed_per_tooth_mm : of this recording, in place of what the setup says"""
+def read_setup(path: Path, *, feed_per_tooth_mm: float | None = None, spindle_speed_rpm: float | None = None) -> Setup:
+    """Read and check a SETUP.toml.
+
+    feed_per_tooth_mm : of this recording, in place of what the setup says   spindle_speed_rpm : where the setup says none
+    """
     document = read_toml(path)
     tables = validated(SetupTables, document)
     if feed_per_tooth_mm is not None:
         feed = {"feed_per_tooth_mm": feed_per_tooth_mm, "feed_mm_per_min": None}
         tables = tables.model_copy(update={"conditions": tables.conditions.model_copy(update=feed)})
+    if spindle_speed_rpm is not None and tables.conditions.spindle_speed_rpm is None:
+        speed = {"spindle_speed_rpm": spindle_speed_rpm}
+        tables = tables.model_copy(update={"conditions": tables.conditions.model_copy(update=speed)})
     cutter = tables.cutter.cutter() if tables.cutter else None
     keys, engagement = tables.conditions, None
     if keys.engagement is not None:

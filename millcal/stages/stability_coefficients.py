@@ -24,7 +24,10 @@ def cutting_draws(
         names = ("kt", "kr", "mt", "mr") if kienzle else ("Ktc", "Krc")
         missing = [name for name in names if name not in posterior.names]
         if missing:
-            raise IllPosedError(f"coefficients: {', '.join(missing)} missing; the limit needs {', '.join(names)}")
+            raise IllPosedError(
+                f"coefficients: {', '.join(missing)} missing; the limit needs {', '.join(names)}: identify them "
+                "from cuts that show them"
+            )
         if kienzle and not mean_chip > 0:
             raise IllPosedError("stability.feed_per_tooth_mm: a Kienzle law needs the feed of the cut; give it")
         needed = _marginal(posterior, names)

@@ -76,7 +76,13 @@ def _courses(forces: ForceHarmonics, chosen: Sequence[int], panels: Any, entries
     degrees, half = np.degrees(forces.angle), NORMAL * forces.alternating_sd
     drawn = (forces.alternating, forces.law_force, forces.dynamometer)
     for place, number in enumerate(chosen):
-        panels[place, 0].set_title(sheet.plain(conditions_in_words(forces.conditions[number])), loc="left")
+        left_out = (
+            f" ({len(chosen)} of {len(forces.cuts)} cuts drawn)"
+            if place == 0 and len(chosen) < len(forces.cuts)
+            else ""
+        )
+        title = sheet.plain(conditions_in_words(forces.conditions[number])) + left_out
+        panels[place, 0].set_title(title, loc="left")
         for row, axis in enumerate(forces.axes):
             panel = panels[place, row]
             panel.axhline(0.0, color=sheet.MUTED, linewidth=0.5)

@@ -104,9 +104,9 @@ def reconstruct_forces(
     turned = law.fixed(fitted.fit.theta)
     answers = _all_methods(problem, fitted, turned, method, regularization, slack, note)
     tell(0.8, "checks")
-    judged = judge(problem, fitted, frf, modes, note)
     chosen = answers[method]
     values, covariance = _coefficients(chosen, fitted, turned, method)
+    judged = judge(problem, fitted, (values, covariance), frf, modes, note)
     names = tuple(NAMES[i] for i in law.known)
     scale = max(1.0, judged.chi2 / judged.dof) if judged.dof > 0 else 1.0
     if scale > WIDENED:

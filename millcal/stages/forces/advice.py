@@ -107,7 +107,7 @@ def advise_speeds(
     whitened = matrix / np.sqrt(spread)[..., None]
     by_line = np.where(inside, np.linalg.cond(whitened), -np.inf)
     condition = np.full(points, np.nan)
-    condition[usable] = np.sqrt(np.linalg.cond(information[usable][:, :n, :n]))
+    condition[usable] = _condition(basis, whitened[usable], inside[usable])
     names = tuple(NAMES[i] for i in known)
     wanted = [i for i, name in enumerate(names) if name in ("Ktc", "Krc")]
     score = np.log(np.where(np.isfinite(sd[:, wanted]), sd[:, wanted], np.inf)).mean(axis=1)
@@ -120,6 +120,19 @@ def advise_speeds(
         worst_harmonic=orders[np.argmax(by_line, axis=1)] / cutter.teeth,
         harmonics=harmonics,
     )
+
+
+def _condition(basis: np.ndarray, whitened: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """Condition number of what a fit solves at each speed: of forces of one newton that the law allows.
+
+    basis : complex (line, axis, coefficient)   whitened : complex (speed, line, sensor, axis)   inside : (speed, line) bool
+    """
+    space = force_constraint(basis).space
+    half = space.basis.shape[0] // 2
+    allowed = (space.basis[:half] + 1j * space.basis[half:]).reshape(*basis.shape[:2], space.rank)
+    moved = np.einsum("nlsa,lar->nlsr", whitened, allowed) * inside[:, :, None, None]
+    flat = moved.reshape(len(moved), -1, space.rank)
+    return np.asarray(np.linalg.cond(np.concatenate([flat.real, flat.imag], axis=1)))
 
 
 def _sensors(frf: Frf, inputs: list[str]) -> tuple[str, ...]:

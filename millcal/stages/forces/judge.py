@@ -29,7 +29,8 @@ from millcal.stages.forces.remarks import line_condition, tell_lines, tell_runou
 
 CHANCE = 1e-3  # that a right model is called wrong
 MUCH = 2.25  # chi-square per degree of freedom from which it matters; below, the intervals are widened by its root
-IMPRECISE = 0.25  # relative standard deviation of Ktc or Krc
+FAR_BETTER = 0.25  # of chi-square, that another angle leaves of it
+IMPRECISE = 0.1  # relative standard deviation of Ktc or Krc
 FAR = np.radians(2.0)  # from what is stated, of a tooth's angle
 MODES_OFF = 0.05  # of the FRF's size
 
@@ -50,8 +51,15 @@ class Judgement:
     free_sd: np.ndarray | None  # (line, axis), root of E|error|^2
 
 
-def judge(problem: Problem, fitted: LawFit, frf: Frf, modes: Modes | None, note: Note) -> Judgement:
-    """Ask everything that can be asked of the fit of the law."""
+def judge(
+    problem: Problem,
+    fitted: LawFit,
+    answer: tuple[np.ndarray, np.ndarray],
+    frf: Frf,
+    modes: Modes | None,
+    note: Note,
+) -> Judgement:
+    """Ask everything that can be asked of the fit of the law.   answer : coefficients of the method used, (6,), (6, 6)"""
     fit = fitted.fit
     share = np.einsum("spq,pq->s", fit.information, fit.covariance)
     share = share / share.sum()
@@ -69,8 +77,8 @@ def judge(problem: Problem, fitted: LawFit, frf: Frf, modes: Modes | None, note:
         law_check,
         _sensor_check(problem, *sensors) if frf_check.passed else _culprit_check(culprit),
         _sign_check(fitted),
-        _angle_check(problem, fitted, note),
-        _precision_check(problem, fitted),
+        _angle_check(problem, fitted, law_check.passed, note),
+        _precision_check(problem, fitted, answer),
         Check("minimum", fit.converged, "the fit stands at its minimum" if fit.converged else "the fit did not end"),
     ]
     if modes is not None:
@@ -165,13 +173,13 @@ def _frf_check(problem: Problem, covariance: np.ndarray, free: _Free) -> tuple[C
     if not unlikely(free.chi2, free.dof):
         message = f"the FRF explains the accelerations: residual {size:.2f} times the expected one"
         return Check("frf", True, message), ""
-    culprit, said = (
-        "",
-        (
-            "it was taken at other points, in another state of the machine, or with other signs: repeat the impact test with "
-            "the sensors where they are in the cut"
-        ),
+    culprit = ""
+    said = (
+        "it was taken at other points, in another state of the machine, or with other signs: repeat the impact test with "
+        "the sensors where they are in the cut"
     )
+    if "z" not in problem.axes:
+        said = f"it has no hits along z, and the axial force moves the sensors too: hit along z; or {said}"
     if sensors - 1 > axes:
         without = [_free(problem, covariance, [s for s in range(sensors) if s != row]) for row in range(sensors)]
         best = min(range(sensors), key=lambda row: without[row].chi2)
@@ -234,13 +242,18 @@ def _sign_check(fitted: LawFit) -> Check:
     return Check(
         "signs",
         False,
-        f"{', '.join(wrong)} negative: check direction (up or down), the axes of the hammer and the spindle angle",
+        f"{', '.join(wrong)} negative: check direction (up or down), the axes and the sign of the hammer and of the sensors, and "
+        "the spindle angle",
     )
 
 
-def _angle_check(problem: Problem, fitted: LawFit, note: Note) -> Check:
+def _angle_check(problem: Problem, fitted: LawFit, law_holds: bool, note: Note) -> Check:
     """Whether a stated angle of tooth 0 is right, and one that was found is the only one."""
     common = fitted.common_phase
+    if not law_holds and (common is None or fitted.law.stated[0]):
+        far = _far_off(problem, fitted)
+        if far is not None:
+            return far
     if common is None:
         return _known_angle(problem, fitted)
     angle, sd = common
@@ -264,6 +277,24 @@ def _angle_check(problem: Problem, fitted: LawFit, note: Note) -> Check:
     )
 
 
+def _far_off(problem: Problem, fitted: LawFit) -> Check | None:
+    """Whether another angle than the stated one lets the law hold."""
+    try:
+        found = fit_law(problem, law_of(problem, "search", fitted.law.fits_runout))
+    except IllPosedError:
+        return None
+    if found.common_phase is None or found.fit.chi2 > FAR_BETTER * fitted.fit.chi2:
+        return None
+    off, sd = found.common_phase
+    off = off - found.law.period * np.round(off / found.law.period)
+    return Check(
+        "angle",
+        False,
+        f"the stated spindle angle is off by {np.degrees(off):+.4g} +- {np.degrees(sd):.2g} degrees, with which the residuals "
+        f"fall to {np.sqrt(found.fit.chi2 / fitted.fit.chi2):.0%}; correct it, or leave it out",
+    )
+
+
 def _known_angle(problem: Problem, fitted: LawFit) -> Check:
     """Whether an angle that was taken for known is where the lines put it."""
     try:
@@ -278,8 +309,8 @@ def _known_angle(problem: Problem, fitted: LawFit) -> Check:
     return Check("angle", True, f"the lines put tooth 0 {said} from where it is stated")
 
 
-def _precision_check(problem: Problem, fitted: LawFit) -> Check:
-    values, covariance = fitted.law.coefficients(fitted.fit.theta, fitted.fit.covariance)
+def _precision_check(problem: Problem, fitted: LawFit, answer: tuple[np.ndarray, np.ndarray]) -> Check:
+    values, covariance = answer
     known = [i for i in (0, 1) if i in fitted.law.known]
     hidden = [NAMES[i] for i in (0, 1) if i not in fitted.law.known]
     if hidden:

@@ -113,7 +113,9 @@ class Law:
 
 
 def law_of(problem: Problem, phase: str, runout: bool) -> Law:
-    """The law on the lines of a problem.   phase : auto, fit or known   runout : fit it; else it is the cutter's own
+    """The law on the lines of a problem.
+
+    phase : auto, fit or known; search takes no notice of what is stated   runout : fit it; else it is the cutter's own
 
     Raises
     ------
@@ -188,7 +190,7 @@ def _angles(cuts: Sequence[CutVibration], phase: str) -> tuple[np.ndarray, np.nd
                 'phase = "fit"'
             )
         return np.zeros((len(cuts), 0)), np.zeros(0), np.zeros(0, bool)
-    keys = [_counted_from(number, cut) for number, cut in enumerate(cuts)]
+    keys = [_counted_from(number, cut, phase) for number, cut in enumerate(cuts)]
     names = list(dict.fromkeys(keys))
     turns = [np.array([key == name for key in keys], float) for name in names]
     stated = [name[0] for name in names]
@@ -201,10 +203,12 @@ def _angles(cuts: Sequence[CutVibration], phase: str) -> tuple[np.ndarray, np.nd
     return np.stack(turns, axis=1), np.array(precision), np.array(stated, bool)
 
 
-def _counted_from(number: int, cut: CutVibration) -> tuple[bool, str]:
+def _counted_from(number: int, cut: CutVibration, phase: str) -> tuple[bool, str]:
     """Whether the angle was stated, and what it is the angle of: one for all pulses, one for each first sample."""
-    stated = cut.angle_from == "stated"
-    mark = cut.counts_from or ("pulse" if stated else {"speed": "start"}.get(cut.angle_from, cut.angle_from))
+    stated = cut.angle_from == "stated" and phase != "search"
+    mark = cut.counts_from or (
+        "pulse" if cut.angle_from == "stated" else {"speed": "start"}.get(cut.angle_from, cut.angle_from)
+    )
     return stated, f"start {number}" if mark == "start" else mark
 
 

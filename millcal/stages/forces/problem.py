@@ -25,6 +25,7 @@ FEWEST_HARMONICS = 4
 MOST_LINES = 72  # of all cuts: the work grows with their cube
 BETWEEN = 3  # times the teeth: harmonics of the spindle up to there tell the runout
 FEWEST_SENSORS = 2
+DARK = 3.0  # power of the FRF at a line over its noise's, below which the line tells nothing
 FEWEST_LINES = 8  # of an FRF: fewer are no curve
 KEPT = 30  # harmonics of the spindle, at least
 RUNOUT_SEEN = 0.01  # amplitude between the harmonics of the tooth passing over theirs
@@ -111,7 +112,12 @@ def problem_of(
     matrix = matrix * signs
     error = _turned(error, signs)
     own = [[cuts[number].sensors.index(sensor) for sensor in sensors] for number in range(len(cuts))]
-    return Problem(
+    if "z" not in axes:
+        note(
+            "no-hits-along-z",
+            "the FRF has no hits along z: what the axial force does at the sensors is taken for x and y; hit along z too",
+        )
+    problem = Problem(
         cuts=tuple(cuts),
         axes=axes,
         sensors=sensors,
@@ -127,6 +133,24 @@ def problem_of(
         frf_variance=variance,
         columns=tuple(columns),
     )
+    return _told(problem, note)
+
+
+def _told(problem: Problem, note: Note) -> Problem:
+    """Without the lines at which the FRF is no more than its noise: they tell nothing, and bend what others tell."""
+    power = np.sum(np.abs(problem.matrix) ** 2, axis=(1, 2))
+    noise = np.sum(problem.frf_variance, axis=(1, 2))
+    dark = power - noise < DARK * noise
+    left = problem.of_lines(~dark)
+    if not dark.any() or len(np.unique(left.cut)) < len(problem.cuts):
+        return problem
+    shown = ", ".join(f"{f:.4g}" for f in problem.frequency[dark][:6])
+    note(
+        "dark-lines",
+        f"the FRF is hardly more than its noise at {shown} Hz{' and others' if dark.sum() > 6 else ''}: those lines are left out; "
+        "hit harder or with a softer tip, or cut faster",
+    )
+    return left
 
 
 def check_frf(frf: Frf, modal: bool = False) -> None:
