@@ -103,6 +103,13 @@ def problem_of(
     else:
         matrix = modal_frf(modes, frequency, sensors, [frf.inputs[c] for c in columns])
         inputs = [frf.inputs[c] for c in columns]
+        lowest = float(modes.natural_frequency.min())
+        if frequency.min() < lowest:
+            note(
+                "lines-below-modes",
+                f"{np.count_nonzero(frequency < lowest)} lines from {frequency.min():.4g} Hz on lie below the lowest fitted mode, "
+                f"{lowest:.4g} Hz: a mode that is missing there is in no interval; take the measured FRF, or fit from lower",
+            )
         error, variance = modal_error(modes, frequency, sensors, inputs)
         bent = BENT**2 * np.mean(np.abs(matrix) ** 2, axis=1, keepdims=True)
         beyond = missed(frf, modes, frequency, sensors, inputs) + bent
