@@ -17,7 +17,7 @@ from millcal.physics.structure import convert_frf, convert_frf_variance, modal_r
 NEIGHBOURS = 6  # lines of the FRF to either side, over which what the modes miss is averaged
 OWN = 0.5  # share of the covariance of a fit's parameters that is taken for each one's own: leaving out nine hits tells sixty
 # parameters' errors in as few directions as there are hits, and many cuts would find those in which there is none
-OFF = 3.0  # times the deviation that noise lets expect, rms over the lines: beyond, the modes are not the structure
+OFF = 1.7  # times the deviation that noise lets expect, rms over the lines: beyond, the modes are not the structure
 
 
 def modal_frf(modes: Modes, frequency: np.ndarray, sensors: Sequence[str], inputs: Sequence[str]) -> np.ndarray:
