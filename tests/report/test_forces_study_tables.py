@@ -69,12 +69,16 @@ def summary():
             "angle_deg": 3.0, "acceleration_noise_m_per_s2": 0.4, "fitted_mean_deg": 2.95, "fitted_sd_deg": 0.62,
             "bound_sd_deg": 0.51, "ways": {"known": way(0.1), "ignored": way(-10.8), "fitted": way(0.2)},
         },
+        "further": {
+            "force_noise_N": 5.0, "acceleration_noise_m_per_s2": 1.0,
+            "ways": [{"group": "three cuts", "way": "three speeds", "answers": 160, **way(0.4)}],
+        },
     }  # fmt: skip
 
 
 def test_the_text_has_a_table_for_each_figure_and_fits_a_screen(summary):
     text = text_of(summary)
-    for word in ("Fig. 6", "Fig. 7", "Fig. 8", "10 repeats (seed 7)", "4 levels", "0 of 30", "2.95 ± 0.62°", "−10.8 %"):
+    for word in ("Fig. 6", "Fig. 7", "Fig. 8", "10 repeats (seed 7)", "4 levels", "0 of 30", "2.95 ± 0.62°", "−10.8 %", "three speeds"):
         assert word in text, word
     assert "Fig. 9" not in text  # of one bin there is nothing to compare
     assert max(len(line) for line in text.splitlines()) < 121
@@ -98,7 +102,7 @@ def test_coverage_in_words_is_that_of_all_levels(summary):
 
 def test_the_csv_has_every_number_once(summary):
     rows = list(csv.DictReader(io.StringIO(tables_csv(summary))))
-    assert len(rows) == (4 + 12 + 1 + 1) * len(METHODS) * len(COEFFICIENTS)
+    assert len(rows) == ((4 + 12 + 1 + 1) * len(METHODS) + 1) * len(COEFFICIENTS)
     keys = [tuple(row.values())[:-1] for row in rows]
     assert len(set(keys)) == len(keys)
     (loud,) = [
