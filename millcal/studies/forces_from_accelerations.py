@@ -71,7 +71,7 @@ class Extent(NamedTuple):
 
 
 FULL = Extent(FORCES, ACCELERATIONS, 10, 30, 10, 10, 40)
-QUICK = Extent((0.0, 25.0), (0.0, 0.4, 1.0), 2, 2, 1, 2, 1)
+QUICK = Extent((0.0, 25.0), (0.0, 0.4, 1.0), 2, 2, 1, 2)  # the further ways take as long again
 
 
 class Runs(NamedTuple):
