@@ -81,7 +81,7 @@ def judge(
         _precision_check(problem, fitted, answer),
         Check("minimum", fit.converged, "the fit stands at its minimum" if fit.converged else "the fit did not end"),
     ]
-    if modes is not None:
+    if modes is not None and not frf.damping_shift:
         checks.append(_modes_check(problem, frf, modes))
     tell_sensors(problem, fitted, share, note)
     tell_lines(problem, fitted, note)

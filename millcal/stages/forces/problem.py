@@ -112,7 +112,9 @@ def problem_of(
             )
         error, variance = modal_error(modes, frequency, sensors, inputs)
         bent = BENT**2 * np.mean(np.abs(matrix) ** 2, axis=1, keepdims=True)
-        beyond = missed(frf, modes, frequency, sensors, inputs) + bent
+        beyond = np.array(np.broadcast_to(bent, matrix.shape))
+        if not frf.damping_shift:  # else its values are those of a structure with more damping
+            beyond += missed(frf, modes, frequency, sensors, inputs)
         error = error._replace(shared=independent_lines(beyond, frf, frequency))
         variance = variance + beyond
     signs = 1.0 if modes is not None else row_sign[:, None] * signed_places(axes_dofs(frf, columns), frf.inputs)[1]
