@@ -22,7 +22,7 @@ from millcal.physics.force_subspace import NAMES, harmonic_basis
 from millcal.stages.forces import methods
 from millcal.stages.forces.advice import advise_speeds
 from millcal.stages.forces.fit import LawFit, fit_law
-from millcal.stages.forces.judge import MUCH, judge
+from millcal.stages.forces.judge import MUCH, judge, unlikely
 from millcal.stages.forces.law import UNITS, Law, law_of
 from millcal.stages.forces.methods import Reconstruction, coefficients_from_force, solver, system_of
 from millcal.stages.forces.problem import RUNOUT_SEEN, Problem, notice_collector, problem_of, runout_seen
@@ -101,6 +101,13 @@ def reconstruct_forces(
         if not fits_runout or runout == "fit":
             raise
         problem, law, fitted = fit(False)  # nobody asked for it, and the lines do not tell it
+    if law.fits_runout and runout == "auto" and unlikely(fitted.fit.chi2, fitted.fit.dof):
+        told = list(notices)
+        other = fit(False)  # what is between the harmonics of the tooth passing may be no runout: a bearing, a belt
+        if unlikely(other[2].fit.chi2, other[2].fit.dof):
+            notices[:] = told
+        else:
+            problem, law, fitted = other
     turned = law.fixed(fitted.fit.theta)
     answers = _all_methods(problem, fitted, turned, method, regularization, slack, note)
     tell(0.8, "checks")
