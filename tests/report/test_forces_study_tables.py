@@ -78,7 +78,18 @@ def summary():
 
 def test_the_text_has_a_table_for_each_figure_and_fits_a_screen(summary):
     text = text_of(summary)
-    for word in ("Fig. 6", "Fig. 7", "Fig. 8", "10 repeats (seed 7)", "4 levels", "0 of 30", "2.95 ± 0.62°", "−10.8 %", "three speeds"):
+    words = (
+        "Fig. 6",
+        "Fig. 7",
+        "Fig. 8",
+        "10 repeats (seed 7)",
+        "4 levels",
+        "0 of 30",
+        "2.95 ± 0.62°",
+        "−10.8 %",
+        "three speeds",
+    )
+    for word in words:
         assert word in text, word
     assert "Fig. 9" not in text  # of one bin there is nothing to compare
     assert max(len(line) for line in text.splitlines()) < 121
