@@ -1,13 +1,12 @@
 """Cutting forces from accelerations: `millcal forces`."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from millcal.cli.cut_input import for_each
-from millcal.cli.speak import Json, Quiet, Seed, check_files, keep_and_reply, pairs, progress_bar, reply
+from millcal.cli.speak import Json, Quiet, Seed, check_choice, check_files, keep_and_reply, pairs, progress_bar, reply
 from millcal.cli.vibration_input import hear_cuts, read_dynamics
 
 # those of the stage, which --help must not import; a test keeps them equal
@@ -99,9 +98,9 @@ def forces(
     Example: millcal forces --frf frf.h5 --setup setup.toml --advise --rpm 3000 12000
     """
     recordings = recordings or []
-    _choice("--method", method, METHODS)
-    _choice("--phase", phase, PHASES)
-    _choice("--runout", runout, RUNOUTS)
+    check_choice("--method", method, METHODS)
+    check_choice("--phase", phase, PHASES)
+    check_choice("--runout", runout, RUNOUTS)
     weight = _weight(regularization)
     if regularization != "gcv" and method != "tikhonov":
         raise typer.BadParameter(f"goes with --method tikhonov, not {method}", param_hint="--regularization")
@@ -166,11 +165,6 @@ def forces(
         _reply_advice(found, output, figure, **said)
         return
     keep_and_reply("forces", found, output, text=_text(found, compare), more=_drawn(found, table, figure), **said)
-
-
-def _choice(option: str, value: str, choices: Sequence[str]) -> None:
-    if value not in choices:
-        raise typer.BadParameter(f"{value!r} is not known; there are: {', '.join(choices)}", param_hint=option)
 
 
 def _weight(written: str) -> str | float:

@@ -1,13 +1,22 @@
 """Cutting coefficients from dynamometer cuts, or from what accelerometers heard: `millcal identify`."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from millcal.cli.cut_input import bounds_of, for_each, read_cut
-from millcal.cli.speak import Json, Progress, Quiet, Seed, check_files, keep_and_reply, pairs, progress_bar
+from millcal.cli.speak import (
+    Json,
+    Progress,
+    Quiet,
+    Seed,
+    check_choice,
+    check_files,
+    keep_and_reply,
+    pairs,
+    progress_bar,
+)
 from millcal.cli.vibration_input import hear_cuts, read_dynamics
 
 # those of the stage, which --help must not import; a test keeps them equal
@@ -146,8 +155,8 @@ def identify(
     """
     method = _method(method, trend, causal)
     following, hearing = method in FOLLOWING, method in FROM_ACCELERATIONS
-    _choice("--law", law, LAWS)
-    _choice("--runout", runout, ("fit", "known"))
+    check_choice("--law", law, LAWS)
+    check_choice("--runout", runout, ("fit", "known"))
     if feed_per_tooth_mm and len(feed_per_tooth_mm) != len(recordings):
         raise typer.BadParameter(f"{len(feed_per_tooth_mm)} feeds for {len(recordings)} recordings; give one for each")
     if feed_per_tooth_mm and min(feed_per_tooth_mm) <= 0:
@@ -262,7 +271,7 @@ def identify(
 def _method(method: str | None, trend: bool, causal: bool) -> str:
     """What --method, --trend and --causal mean together."""
     if method is not None:
-        _choice("--method", method, METHODS)
+        check_choice("--method", method, METHODS)
     by_flags = "imm" if causal else "smooth" if trend else None
     if method is None:
         return by_flags or "nls"
@@ -299,11 +308,6 @@ def _from_accelerations(
         progress=lambda share, label: progress(0.6 + 0.4 * share, label),
     )
     return coefficients_of_forces(found), [*notices, *told, *found.notices]
-
-
-def _choice(option: str, value: str, choices: Sequence[str]) -> None:
-    if value not in choices:
-        raise typer.BadParameter(f"{value!r} is not known; there are: {', '.join(choices)}", param_hint=option)
 
 
 def _drawn(found: Any, table: Path | None, figure: Path | None) -> dict[str, tuple[Path, bytes]]:

@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
@@ -106,6 +106,13 @@ def _grouped(notices: Iterable) -> list[str]:
         more = f" (and {len(named) - 1} more)" if len(named) > 1 else ""
         lines.append(f"{place}{more}{': ' if place else ''}{message} [{code}]")
     return lines
+
+
+def check_choice(option: str, value: str | None, choices: Sequence[str | None]) -> None:
+    """Refuse a value that is none of the choices, and name them."""
+    if value not in choices:
+        known = ", ".join(filter(None, choices))
+        raise typer.BadParameter(f"{value!r} is not known; there are: {known}", param_hint=option)
 
 
 def check_files(read: Iterable[Path | None], written: Iterable[Path | None], *, once: bool = True) -> None:

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from millcal.cli.speak import Json, Quiet, Seed, check_files, keep_and_reply, progress_bar
+from millcal.cli.speak import Json, Quiet, Seed, check_choice, check_files, keep_and_reply, progress_bar
 
 METHODS = ("zoa",)  # those of the stage, which --help must not import; a test keeps them equal
 
@@ -59,9 +59,9 @@ def stability(
     )
     if (ktc is None) != (krc is None):
         raise typer.BadParameter("--ktc and --krc go together")
-    _choice("--method", method, METHODS)
-    _choice("--direction", direction, (None, "up", "down", "slot"))
-    _choice("--rigid", rigid, ("", "x", "y"))
+    check_choice("--method", method, METHODS)
+    check_choice("--direction", direction, (None, "up", "down", "slot"))
+    check_choice("--rigid", rigid, ("", "x", "y"))
 
     check_files([coefficients, frf, modes, setup], [output])
     import numpy as np
@@ -134,12 +134,6 @@ def _one_of(options: dict[str, Any]) -> None:
     if len(given) != 1:
         names = " or ".join(options)
         raise typer.BadParameter(f"{' and '.join(given)} exclude each other" if given else f"give {names}")
-
-
-def _choice(option: str, value: str | None, choices: tuple) -> None:
-    if value not in choices:
-        known = ", ".join(filter(None, choices))
-        raise typer.BadParameter(f"{value!r} is not known; there are: {known}", param_hint=option)
 
 
 def _cutting(coefficients: Path | None, ktc: float | None, krc: float | None, setup: Path | None) -> tuple:

@@ -63,11 +63,3 @@ def unobservable(space: ColumnSpace, *, least: float = 1e-6) -> list[tuple[int, 
         found.append(tuple(int(kept[i]) for i in sorted(group)))
         waiting = [i for i in waiting if i not in group]
     return sorted(found)
-
-
-def observable(space: ColumnSpace, *, least: float = 1e-6) -> np.ndarray:
-    """Which parameters every y with M k = y determines.   returns bool (n,)"""
-    told = np.ones(len(space.scale), bool)
-    for group in unobservable(space, least=least):
-        told[list(group)] = False
-    return told

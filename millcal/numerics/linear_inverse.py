@@ -219,30 +219,6 @@ def in_ball(quadratic: np.ndarray, linear: np.ndarray, radius: float) -> np.ndar
     return np.asarray(V @ u)
 
 
-def estimate_covariance(
-    A: np.ndarray, noise: np.ndarray | float, *, constraint: np.ndarray | None = None
-) -> np.ndarray:
-    """Covariance of the (constrained) least squares solution, E[dx dx^H], when A has no errors.
-
-    noise : covariance of b, (m, m), or its variance (m,) or one for all; for complex b E[e e^H], so real and imaginary part
-    have half of it each   returns (n, n), of rank n - rank(L) with a constraint
-    """
-    A = np.asarray(A)
-    N = np.eye(A.shape[1]) if constraint is None else null_basis(constraint)
-    gain = N @ np.linalg.pinv(A @ N)  # (n, m)
-    noise = np.asarray(noise)
-    spread = gain @ noise if noise.ndim == 2 else gain * noise
-    return np.asarray(spread @ gain.conj().T)
-
-
-def residual_variance(A: np.ndarray, b: np.ndarray, x: np.ndarray, *, constraint: np.ndarray | None = None) -> float:
-    """Variance of an entry of b by what a (constrained) least squares solution leaves; nan where nothing is left to tell."""
-    A = np.asarray(A)
-    unknowns = A.shape[1] if constraint is None else null_basis(constraint).shape[1]
-    freedom = A.shape[0] - unknowns
-    return float(np.linalg.norm(A @ x - b) ** 2 / freedom) if freedom > 0 else float("nan")
-
-
 def _check_noise(matrix_noise: float, data_noise: float) -> None:
     if not (matrix_noise >= 0 and data_noise > 0):
         raise ValueError(f"{matrix_noise=} is negative or {data_noise=} is not positive")

@@ -9,8 +9,6 @@ from millcal.report.charts import Frame, Item, Line, Marks, Panel, Rule, Tags, c
 from millcal.report.figures import Column, Figure
 from millcal.units import to_shop
 
-MOST_TAGS = 8  # speeds of cuts that are named over the picture
-
 
 def cutting_first(names: Sequence[str]) -> list[int]:
     """Columns that are drawn: Ktc, Krc and Kac as far as there are, else all."""
