@@ -6,6 +6,7 @@ weighted least squares with the covariance of the force as it is without the law
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -39,24 +40,31 @@ class LawFit:
     ambiguous: tuple[float, ...]  # rad: other angles of the first cut that are as good
 
 
-class Weighted:
-    """The lines with the weights that the force has without the law: coefficients at given angles and runout."""
+class Weighted(NamedTuple):
+    """The lines with the weights that the force has without the law."""
 
-    def __init__(self, problem: Problem) -> None:
-        covariance = residual_covariance(problem.noise, problem.error, free_force(problem))
-        root = np.linalg.cholesky(covariance)
-        lines, rows, axes = problem.matrix.shape
-        blocks = np.zeros((lines, rows, lines, axes), complex)
-        blocks[np.arange(lines), :, np.arange(lines), :] = problem.matrix
-        whole = as_real(blocks.reshape(lines * rows, lines * axes))
-        self.matrix = solve_triangular(root, whole, lower=True, check_finite=False)  # (2 line row, 2 line axis)
-        self.data = solve_triangular(root, parts(problem.measured), lower=True, check_finite=False)
+    matrix: np.ndarray  # (2 line row, 2 line axis), of the parts
+    data: np.ndarray  # (2 line row,)
 
     def solve(self, slopes: np.ndarray) -> tuple[np.ndarray, float]:
         """Unknowns of slopes (line, axis, unknown), and chi-square."""
         A = self.matrix @ parts(slopes)
         z = np.linalg.lstsq(A, self.data, rcond=None)[0]
         return z, float(np.sum((self.data - A @ z) ** 2))
+
+
+def weighted_lines(problem: Problem) -> Weighted:
+    """All lines over the root of the residual's covariance at the free force."""
+    covariance = residual_covariance(problem.noise, problem.error, free_force(problem))
+    root = np.linalg.cholesky(covariance)
+    lines, rows, axes = problem.matrix.shape
+    blocks = np.zeros((lines, rows, lines, axes), complex)
+    blocks[np.arange(lines), :, np.arange(lines), :] = problem.matrix
+    whole = as_real(blocks.reshape(lines * rows, lines * axes))
+    return Weighted(
+        matrix=solve_triangular(root, whole, lower=True, check_finite=False),
+        data=solve_triangular(root, parts(problem.measured), lower=True, check_finite=False),
+    )
 
 
 def free_force(problem: Problem) -> np.ndarray:
@@ -85,7 +93,7 @@ def fit_law(problem: Problem, law: Law) -> LawFit:
         for other in own[1:]:
             trials.append(np.where(np.arange(angles) == i, other, first))
     trials = [_same_teeth(problem, law, trial) for trial in trials]
-    weighted = Weighted(problem)
+    weighted = weighted_lines(problem)
     found = _minima(problem, weighted, law, trials)
     scores = [_score(fit, law) for fit in found]
     best = found[int(np.argmin(scores))]
@@ -202,13 +210,13 @@ def _same_teeth(problem: Problem, law: Law, angles: np.ndarray) -> np.ndarray:
         return angles
     angles = angles.copy()
     seen = law.turns[law.cut, free[0]] > 0
-    weighted = Weighted(problem.of_lines(seen))
+    weighted = weighted_lines(problem.of_lines(seen))
     runouts = _runouts()
     chi2 = [weighted.solve(_slopes(law, angles, runout)[seen])[1] for runout in runouts]
     runout = runouts[int(np.argmin(chi2))]
     for i in free[1:]:
         seen = seen | (law.turns[law.cut, i] > 0)
-        weighted = Weighted(problem.of_lines(seen))
+        weighted = weighted_lines(problem.of_lines(seen))
         shifts = angles[i] + law.period * np.arange(round(2 * np.pi / law.period))
         chi2 = []
         for shift in shifts:
@@ -248,7 +256,7 @@ def _best_angles(problem: Problem, law: Law, angle: int) -> list[float]:
     chosen = law.turns[law.cut, angle] > 0
     passing = chosen & (law.order % teeth == 0)
     chosen = passing if law.fits_runout and passing.any() else chosen
-    weighted = Weighted(problem.of_lines(chosen))
+    weighted = weighted_lines(problem.of_lines(chosen))
     slopes = (law.basis_at(0.0, 0.0) @ law.combinations)[chosen]
     count = TRIALS * max(1, round(law.order[chosen].max() * law.period / (2 * np.pi)))
     trials = np.arange(count) * law.period / count
