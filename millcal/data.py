@@ -660,29 +660,140 @@ class BestSpeed:
     removal_rate: float  # m^3/s; nan without a feed per tooth
     p_stable: float | None  # at that speed and depth, from the bands
     safe_depth: float | None = None  # m, stable with 97.5 %: the lower end of the band
+    torque: float | None = (
+        None  # N m, mean over a revolution at the safe depth, else at the limit; None without K_te or feed
+    )
+    power: float | None = None  # W, of that
+
+
+@dataclass(frozen=True)
+class OperatingPoint:
+    """A cut asked about: is it stable, by how much, and what would make it better."""
+
+    spindle_speed: float  # rad/s
+    axial_depth: float  # m
+    limit: float  # m, the first loss of stability at that speed; inf where none
+    stable: bool  # at that depth: above the first limit there may be stable islands
+    kind: Literal["hopf", "flip", "fold", ""]  # of the crossing that bounds it from above, or that it lies beyond
+    chatter_frequency: float  # Hz, of that crossing; nan where there is none
+    limit_interval: tuple[float, float] | None = None  # m, 95 %
+    p_stable: float | None = None
+    speed_margin: tuple[float, float] | None = None  # rad/s that the speed may fall and rise before this depth chatters
+    advice: tuple[str, ...] = ()  # what to do, best first
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CutTests(Record):
+    """Cuts that were made and judged by ear, eye or `millcal judge`: drawn over a map."""
+
+    spindle_speed: np.ndarray = array("rad/s", "test")
+    axial_depth: np.ndarray = array("m", "test")
+    stable: np.ndarray = array("1", "test")  # 1 stable, 0 chatter
+    name: str = ""  # file they came from
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SimulatedCuts(Record):
+    """Cuts of the time domain: where they went, sampled once per tooth or revolution."""
+
+    spindle_speed: np.ndarray = array("rad/s", "cut")
+    axial_depth: np.ndarray = array("m", "cut")
+    period: np.ndarray = array(
+        "1", "cut"
+    )  # revolutions (or teeth, see `per`) after which it repeats; 0: never, chatter
+    metric: np.ndarray = array(
+        "m", "cut"
+    )  # M of period 1: mean change from one sample to the next, worst sampling phase
+    per: Literal["tooth", "revolution"] = "tooth"  # what the samples are taken once of
+    bifurcation_speed: np.ndarray | None = array(
+        "rad/s", "sample", optional=True
+    )  # of the cuts along one line of the map
+    bifurcation_depth: np.ndarray | None = array("m", "sample", optional=True)
+    bifurcation_displacement: np.ndarray | None = array("m", "sample", optional=True)  # once-per samples, settled
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StabilityMap(Record):
-    """Limit depth against spindle speed, with a band where coefficients or FRF carry a covariance."""
+    """Limit depth against spindle speed, with a band or probabilities where coefficients or dynamics carry a covariance.
+
+    Crossings are of all speeds one behind the other. Kinds are numbered as in `millcal.physics.stability.regeneration`.
+    """
 
     spindle_speed: np.ndarray = array("rad/s", "speed")
-    limit_depth: np.ndarray = array("m", "speed")  # inf where no limit was found below the search range
+    limit_depth: np.ndarray = array("m", "speed")  # first loss of stability; inf where none was found up to `deepest`
     chatter_frequency: np.ndarray = array("Hz", "speed")
-    lobe: np.ndarray = array("1", "speed")
+    limit_kind: np.ndarray = array("1", "speed")  # 0 Hopf, 1 flip, 2 fold; -1 where there is no limit
+    lobe: np.ndarray = array("1", "speed")  # whole waves between two teeth; -1 where there is no limit
     limit_low: np.ndarray | None = array("m", "speed", optional=True)  # 95 % band
     limit_high: np.ndarray | None = array("m", "speed", optional=True)
-    method: str
+    crossing_speed: np.ndarray = array("rad/s", "crossing")
+    crossing_depth: np.ndarray = array("m", "crossing")
+    crossing_kind: np.ndarray = array("1", "crossing")
+    crossing_frequency: np.ndarray = array("Hz", "crossing")
+    crossing_loses: np.ndarray = array(
+        "1", "crossing"
+    )  # 1: stability is lost with growing depth; 0: one multiplier returns
+    probability: np.ndarray | None = array("1", "depth", "speed", optional=True)  # that a cut is stable
+    probability_depth: np.ndarray | None = array("m", "depth", optional=True)
+    method: str  # zoa, floquet, frf, time-domain
+    deepest: float = np.inf  # m, how deep was looked
     teeth: int
     radial_depth: float  # m
     diameter: float  # m
     direction: str
     feed_per_tooth: float | None
-    absolute_minimum: float  # m
+    absolute_minimum: float  # m; of zoa over all speeds, else over those of the map
     absolute_minimum_frequency: float  # Hz
     best: tuple[BestSpeed, ...] = ()
-    operating_point: tuple[float, float] | None = None  # rad/s, m
-    operating_p_stable: float | None = None
-    operating_limit: float | None = None  # m, at the operating speed
-    operating_limit_interval: tuple[float, float] | None = None  # m, 95 %
+    operating: OperatingPoint | None = None
+    tests: CutTests | None = None
+    simulated: SimulatedCuts | None = None
+    notices: tuple[Notice, ...] = ()
+
+
+@dataclass(frozen=True)
+class ChatterPeak:
+    """A line of the spectrum that follows neither the teeth nor the spindle."""
+
+    frequency: float  # Hz
+    amplitude: float  # SI of the channel
+    share: float  # of the power of the whole signal
+    alias_of: float | None = None  # Hz: the frequency above Nyquist it may stand for
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Judgement(Record):
+    """A recorded cut judged: stable, repeating every n teeth, or chatter; and the speeds its chatter points to."""
+
+    name: str
+    channel: str
+    quantity: Literal["displacement", "acceleration", "velocity", "force", "sound_pressure"]
+    unit: str  # SI of the channel
+    teeth: int
+    sample_rate: float  # Hz
+    spindle_frequency: float  # Hz, refined
+    spindle_frequency_sd: float  # Hz
+    steady: tuple[float, float]  # s, what was judged
+    revolutions: int
+    verdict: Literal["stable", "period-n", "chatter", "not known"]
+    why: str  # one sentence
+    period: int | None = None  # teeth after which the motion repeats; 1 stable; None: never
+    metric: float | None = (
+        None  # M, SI of the channel: mean change between samples once per tooth, worst sampling phase
+    )
+    metric_relative: float = np.nan  # M over the size of the alternating signal
+    chatter_frequency: float | None = None  # Hz
+    chatter_frequency_sd: float | None = None  # Hz
+    chatter_share: float = 0.0  # power outside the tooth and spindle lines, of the whole
+    peaks: tuple[ChatterPeak, ...] = ()
+    stable_speeds: tuple[float, ...] = ()  # rad/s, 2 pi f_c / (teeth (k + 1)) of the chatter frequency, k = 0, 1, ...
+    frequency: np.ndarray = array("Hz", "line")
+    spectrum: np.ndarray = array("SI of the channel", "line")  # amplitude, as recorded
+    remaining: np.ndarray = array("SI of the channel", "line")  # after the comb took tooth passing and spindle away
+    sample_time: np.ndarray = array("s", "sample")
+    once_per_tooth: np.ndarray = array("SI of the channel", "sample")
+    overview_time: np.ndarray = array("s", "overview")  # the whole record, thinned to envelopes
+    overview_low: np.ndarray = array("SI of the channel", "overview")
+    overview_high: np.ndarray = array("SI of the channel", "overview")
+    conditions: CuttingConditions | None = None
     notices: tuple[Notice, ...] = ()

@@ -59,8 +59,7 @@ from millcal.stages.forces.advice import advise_speeds
 from millcal.stages.forces.problem import spindle_harmonics
 from millcal.stages.frf import estimate_frf
 from millcal.stages.modes import corrected_frf, fit_modes
-from millcal.stages.stability import map_stability
-from millcal.stages.stability_dynamics import advise
+from millcal.stages.stability import advise, map_stability
 
 Progress = Callable[[float, str], None]  # share done in 0..1, what is being done
 

@@ -232,7 +232,7 @@ def _stability(found: StabilityMap) -> dict[str, Any]:
         if banded:
             crossing["ap_mm_ci95"] = [shop(bound[i], "ap_mm") for bound in (found.limit_low, found.limit_high)]
         limit.append({"rpm": shop(speed, "x_rpm"), "crossings": [] if crossing["ap_mm"] is None else [crossing]})
-    point = found.operating_point
+    point = found.operating
     return {
         "method": found.method,
         "teeth": found.teeth,
@@ -257,13 +257,13 @@ def _stability(found: StabilityMap) -> dict[str, Any]:
         "operating_point": None
         if point is None
         else {
-            "rpm": shop(point[0], "x_rpm"),
-            "ap_mm": shop(point[1], "ap_mm"),
-            "p_stable": known(found.operating_p_stable),
-            "limit_ap_mm": shop(found.operating_limit, "ap_mm"),
+            "rpm": shop(point.spindle_speed, "x_rpm"),
+            "ap_mm": shop(point.axial_depth, "ap_mm"),
+            "p_stable": None if point.p_stable is None else known(point.p_stable),
+            "limit_ap_mm": shop(point.limit, "ap_mm"),
             "limit_ap_mm_ci95": None
-            if found.operating_limit_interval is None
-            else [shop(bound, "ap_mm") for bound in found.operating_limit_interval],
+            if point.limit_interval is None
+            else [shop(bound, "ap_mm") for bound in point.limit_interval],
         },
         "limit": limit,
     }

@@ -15,7 +15,7 @@ def depth_drawn(map_: StabilityMap) -> float:
     """Highest depth of the picture, m: a lobe's peak may go to infinity, the depths of a shop do not."""
     finite = map_.limit_depth[np.isfinite(map_.limit_depth)]
     highest = 1.08 * float(finite.max()) if len(finite) else 0.0
-    operating = 1.35 * map_.operating_point[1] if map_.operating_point else 0.0
+    operating = 1.35 * map_.operating.axial_depth if map_.operating else 0.0
     wanted = [1.4 * best.axial_depth for best in map_.best]
     if np.isfinite(map_.absolute_minimum) and map_.absolute_minimum > 0:
         wanted.append(5.0 * map_.absolute_minimum)
@@ -62,9 +62,9 @@ def lobes(map_: StabilityMap) -> Figure:
         safe = [best.axial_depth if best.safe_depth is None else best.safe_depth for best in map_.best]
         depths = np.array(safe) * 1e3
         items.append(Marks(speeds, depths, "best", "diamond", [str(i + 1) for i in range(len(speeds))], size=4.5))
-    if map_.operating_point:
-        speed = to_shop(map_.operating_point[0], "spindle_speed_rpm")
-        at = np.array([map_.operating_point[1] * 1e3])
+    if map_.operating:
+        speed = to_shop(map_.operating.spindle_speed, "spindle_speed_rpm")
+        at = np.array([map_.operating.axial_depth * 1e3])
         items.append(Marks(np.array([speed]), at, "operating", "cross", ["operating point"], size=5.5, below=True))
     columns += [Column("chatter frequency", "Hz", frequency), Column("lobe", "", lobe)]
     frame = Frame()
@@ -95,7 +95,7 @@ def lobes(map_: StabilityMap) -> Figure:
     if map_.best:
         at_safe = ", at the safe depth" if all(best.safe_depth is not None for best in map_.best) else ""
         key.append(("marks diamond best", "best speeds, numbered as in the table" + at_safe))
-    if map_.operating_point:
+    if map_.operating:
         key.append(("marks cross operating", "operating point"))
     caption = "Between two lobes the cut takes most; a speed a little off the pocket loses it, so aim at its middle."
     return Figure("stability-map", "Limit depth and speed", caption, (svg,), columns, key, hint="spindle speed")

@@ -349,9 +349,9 @@ def map_facts(map_: StabilityMap) -> list[tuple[str, str]]:
         ("radial depth", width),
         ("smallest limit", f"{smallest}, chatter at {significant(map_.absolute_minimum_frequency, 4)} Hz"),
     ]
-    if map_.operating_point is not None:
-        speed, depth = map_.operating_point
-        share = "" if map_.operating_p_stable is None else f", stable with {percent(map_.operating_p_stable)}"
+    if (point := map_.operating) is not None:
+        speed, depth = point.spindle_speed, point.axial_depth
+        share = "" if point.p_stable is None else f", stable with {percent(point.p_stable)}"
         facts.append(("operating point", f"{fixed(_rpm(speed), 0)} rpm, {nominal(depth * 1e3)} mm{share}"))
     return facts
 

@@ -148,13 +148,14 @@ def operating_verdict(
     map_: StabilityMap, fit: Coefficients | CoefficientHistory | ForceHarmonics | None = None
 ) -> Verdict | None:
     """Whether the cut that the recipe names is stable; None where it names none or the map does not reach there."""
-    if map_.operating_point is None:
+    point = map_.operating
+    if point is None:
         return None
-    speed, depth = map_.operating_point
+    speed, depth = point.spindle_speed, point.axial_depth
     place = f"{to_shop(speed, 'spindle_speed_rpm'):.0f} rpm and {nominal(depth * 1e3)} mm"
-    limit, interval, p = map_.operating_limit, map_.operating_limit_interval, map_.operating_p_stable
+    limit, interval, p = point.limit, point.limit_interval, point.p_stable
     said = []
-    if limit is not None and limit != float("inf"):
+    if limit != float("inf"):
         text = f"The limit there is {significant(limit * 1e3)} mm"
         if interval is not None:
             value, low, high = with_interval(limit * 1e3, *(bound * 1e3 for bound in interval))
@@ -163,11 +164,9 @@ def operating_verdict(
     if p is not None:
         said.append(f"Probability of a stable cut: {percent(p)}.")
         level = "good" if p >= 0.95 else "bad" if p <= 0.05 else "part"
-    elif limit is None:
-        return None
     else:
         said.append("No band is known.")
-        level = "good" if depth < limit else "bad"
+        level = "good" if point.stable else "bad"
     head = {"good": "Stable", "part": "Stable or not: too close to tell", "bad": "Chatter"}[level]
     doubt = map_verdict(fit)
     if doubt is not None:

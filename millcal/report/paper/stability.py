@@ -43,9 +43,8 @@ def stability_map(map_: StabilityMap) -> Any:
         entries.append((marks, "best speeds, best first"))
         for number, place in enumerate(zip(speeds, depths, strict=True), 1):
             upper.annotate(str(number), place, (0, 4), textcoords="offset points", ha="center", va="bottom", fontsize=7)
-    if map_.operating_point is not None:
-        speed, depth = map_.operating_point
-        place = (to_shop(speed, "spindle_speed_rpm"), depth * 1e3)
+    if (point := map_.operating) is not None:
+        place = (to_shop(point.spindle_speed, "spindle_speed_rpm"), point.axial_depth * 1e3)
         (mark,) = upper.plot(*place, "X", color=sheet.INK, markersize=6, markeredgewidth=0, clip_on=False, zorder=5)
         entries.append((mark, "operating point"))
     jumps = np.flatnonzero(np.diff(map_.lobe) != 0) + 1  # from lobe to lobe the frequency leaps

@@ -17,7 +17,7 @@ import numpy as np
 from millcal.data import ModalFit, Modes, Notice
 from millcal.physics import structure
 from millcal.physics.stability import zero_order
-from millcal.stages.stability_tip import (
+from millcal.stages.stability.tip import (
     Lines,
     Solver,
     Tip,

@@ -17,18 +17,18 @@ The band holds speed by speed: 95 % at each speed, not for the whole curve at on
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from millcal.data import BestSpeed, Frf, Modes, Notice, Posterior, StabilityMap
+from millcal.data import BestSpeed, Frf, Modes, Notice, OperatingPoint, Posterior, StabilityMap
 from millcal.errors import IllPosedError
 from millcal.physics.cutter import CuttingConditions, engagement
+from millcal.physics.stability.regeneration import HOPF
 from millcal.physics.stability.zero_order import Limit, mean_cutting_matrix
-from millcal.stages.stability_coefficients import cutting_draws
-from millcal.stages.stability_lines import tip_of_lines
-from millcal.stages.stability_modes import tip_of_modes
-from millcal.stages.stability_tip import Solver, Tip
+from millcal.stages.stability.coefficients import cutting_draws
+from millcal.stages.stability.lines import tip_of_lines
+from millcal.stages.stability.modes import tip_of_modes
+from millcal.stages.stability.tip import Solver, Tip
 
 RATIOS = 41  # K_rc / K_tc at which the limit is solved exactly for the band
 STRUCTURES = 400  # draws of fitted modes, at most
@@ -129,11 +129,33 @@ def map_stability(
         best.append(BestSpeed(speed, depth, rate, p_stable, None if band is None else float(band[0, i])))
     best.sort(key=lambda b: -b.spindle_speed * (b.axial_depth if b.safe_depth is None else b.safe_depth))
 
-    result = StabilityMap(
+    limits = np.isfinite(limit.depth)
+    operating = None
+    if operating_point is not None:
+        bound = float(together.depth[-1])
+        operating = OperatingPoint(
+            spindle_speed=operating_point[0],
+            axial_depth=operating_point[1],
+            limit=bound,
+            stable=operating_point[1] < bound,
+            kind="hopf" if np.isfinite(bound) else "",
+            chatter_frequency=float(together.frequency[-1]),
+            limit_interval=None if band is None else (float(band[0, -1]), float(band[1, -1])),
+            p_stable=None if inverse is None else float(np.mean(inverse[:, -1] * operating_point[1] < 1)),
+        )
+    progress(1.0, "limit")
+    return StabilityMap(
         spindle_speed=speeds,
         limit_depth=limit.depth,
         chatter_frequency=limit.frequency,
+        limit_kind=np.where(limits, HOPF, -1),
         lobe=limit.lobe,
+        crossing_speed=speeds[limits],
+        crossing_depth=limit.depth[limits],
+        crossing_kind=np.full(np.count_nonzero(limits), HOPF),
+        crossing_frequency=limit.frequency[limits],
+        crossing_loses=np.ones(np.count_nonzero(limits)),
+        operating=operating,
         limit_low=None if band is None else band[0, :n],
         limit_high=None if band is None else band[1, :n],
         method=method,
@@ -151,17 +173,6 @@ def map_stability(
             *_band_notices(tip, speeds, nominal, limit.depth),
             *_feed_notices(feed_per_tooth),
         ),
-    )
-    progress(1.0, "limit")
-    if operating_point is None:
-        return result
-    depth = operating_point[1]
-    return replace(
-        result,
-        operating_point=operating_point,
-        operating_limit=float(together.depth[-1]),
-        operating_limit_interval=None if band is None else (float(band[0, -1]), float(band[1, -1])),
-        operating_p_stable=None if inverse is None else float(np.mean(inverse[:, -1] * depth < 1)),
     )
 
 

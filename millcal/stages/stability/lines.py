@@ -12,7 +12,7 @@ from millcal.errors import IllPosedError
 from millcal.physics import structure
 from millcal.physics.stability import zero_order
 from millcal.physics.stability.zero_order import Limit, joined
-from millcal.stages.stability_tip import (
+from millcal.stages.stability.tip import (
     FEWEST_LINES,
     Lines,
     Tip,

@@ -10,7 +10,7 @@ from millcal.errors import IllPosedError
 from millcal.physics.cutting_force import Kienzle
 from millcal.physics.structure import Mode, convert_frf, convert_frf_variance, receptance
 from millcal.stages.stability import map_stability
-from millcal.stages.stability_lines import tip_receptance
+from millcal.stages.stability.lines import tip_receptance
 
 RPM = 2 * np.pi / 60
 KTC, KRC = 1319.4e6, 788.8e6
@@ -182,7 +182,7 @@ def test_both_uncertainties_together_are_wider_than_either():
 def test_without_any_uncertainty_there_is_no_band_and_no_probability():
     found = map_stability(MODES, (KTC, KRC), **CUT, points=20, operating_point=(8000 * RPM, 1e-3))
     assert found.limit_low is None
-    assert found.operating_p_stable is None
+    assert found.operating.p_stable is None
     assert all(best.p_stable is None and best.safe_depth is None for best in found.best)
 
 
@@ -349,13 +349,13 @@ def test_the_best_speeds_are_the_tops_of_the_pockets_ranked_by_what_may_be_run()
 def test_the_operating_point_is_surely_stable_far_below_the_limit_and_surely_not_far_above():
     probabilities, limits = [], []
     for share in (0.5, 1.0, 2.0):
-        at = map_stability(MODES, (KTC, KRC), **CUT, points=2, operating_point=(8000 * RPM, 1.0)).operating_limit
+        at = map_stability(MODES, (KTC, KRC), **CUT, points=2, operating_point=(8000 * RPM, 1.0)).operating.limit
         found = map_stability(
             MODES, posterior(), **CUT, points=2, operating_point=(8000 * RPM, share * at), rng=np.random.default_rng(0)
         )
-        probabilities.append(found.operating_p_stable)
-        limits.append(found.operating_limit)
-        assert found.operating_limit_interval[0] < at < found.operating_limit_interval[1]
+        probabilities.append(found.operating.p_stable)
+        limits.append(found.operating.limit)
+        assert found.operating.limit_interval[0] < at < found.operating.limit_interval[1]
     assert probabilities[0] == 1.0
     assert 0.3 < probabilities[1] < 0.7
     assert probabilities[2] == 0.0

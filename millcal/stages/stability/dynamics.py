@@ -14,7 +14,7 @@ import numpy as np
 
 from millcal.data import Frf, ModalFit, Modes
 from millcal.physics.structure import DERIVATIVES, convert_frf, convert_frf_variance, modal_receptance
-from millcal.stages.stability_tip import driving_points
+from millcal.stages.stability.tip import driving_points
 
 WITHIN = 1.3  # times the noise: the fit leaves no more than that
 BENT = 0.3  # times the noise: less is lost in it

@@ -16,8 +16,8 @@ from millcal.simulation import simulate_impact
 from millcal.stages.frf import estimate_frf
 from millcal.stages.modes import fit_modes
 from millcal.stages.stability import map_stability
-from millcal.stages.stability_dynamics import advise
-from millcal.stages.stability_modes import BEYOND
+from millcal.stages.stability.dynamics import advise
+from millcal.stages.stability.modes import BEYOND
 
 RPM = 2 * np.pi / 60
 KTC, KRC = 1319.4e6, 788.8e6
