@@ -20,7 +20,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from millcal.data import BestSpeed, Frf, Modes, Notice, OperatingPoint, Posterior, StabilityMap
+from millcal.data import BestSpeed, CutTests, Frf, Modes, Notice, OperatingPoint, Posterior, StabilityMap
 from millcal.errors import IllPosedError
 from millcal.physics.cutter import CuttingConditions, engagement
 from millcal.physics.stability.regeneration import HOPF
@@ -46,11 +46,20 @@ def map_stability(
     spindle_speed: tuple[float, float],
     feed_per_tooth: float | None = None,
     pitch: Sequence[float] | None = None,
+    helix: float = 0.0,
+    runout: tuple[float, float] = (0.0, 0.0),
     rigid: str = "",
     method: str = "zoa",
     points: int = 400,
+    deepest: float | None = None,
+    indentation: float = 0.0,
+    indentation_friction: float = 0.3,
+    edge: tuple[float, float] | None = None,
     members: int = 2000,
+    probability: bool | int = False,
     operating_point: tuple[float, float] | None = None,
+    tests: CutTests | None = None,
+    simulate: tuple[int, int] | None = None,
     rng: np.random.Generator | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> StabilityMap:
@@ -58,9 +67,16 @@ def map_stability(
 
     dynamics : an FRF with driving points along x and y at one point, or modes, given along x and y or fitted to such an FRF
     posterior : coefficients, or (K_tc, K_rc) in N/m^2 taken as exact
-    diameter, radial_depth, feed_per_tooth : m   spindle_speed : (lowest, highest) rad/s   pitch : (tooth,) rad
+    diameter, radial_depth, feed_per_tooth : m   spindle_speed : (lowest, highest) rad/s   pitch : (tooth,) rad   helix : rad
+    runout : (c0, s0) m as in the time domain, which alone knows of it
     rigid : axes that may be missing from `dynamics`, "x" or "y", because the user knows them to be rigid
-    members : draws for the band   operating_point : (rad/s, m)   rng : needed for a band
+    method : zoa, floquet (needs modes), frf (needs an FRF), time-domain (needs modes)
+    deepest : m, how deep to look; None: chosen from the absolute minimum, the operating point and the tests
+    indentation, indentation_friction : C in N/m and mu of process damping; 0: none
+    edge : (K_te, K_re) N/m, for torque, power and the time domain; None: those of the coefficients, if they have them
+    members : draws for the band and the probabilities   probability : a map of them, True or its number of depths
+    operating_point : (rad/s, m)   tests : cuts made, drawn over the map and held against it
+    simulate : (speeds, depths) of points cut in the time domain, whatever the method   rng : needed for a band
     """
     if method not in METHODS:
         raise ValueError(f"{method=} is none of {', '.join(METHODS)}")
