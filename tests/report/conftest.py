@@ -12,6 +12,7 @@ from millcal.data import (
     Frf,
     Hit,
     Notice,
+    OperatingPoint,
     Posterior,
     StabilityMap,
 )
@@ -190,7 +191,7 @@ def stability() -> StabilityMap:
     depth = -np.pi / (2 * 2 * 893e6 * real) * 0.9
     epsilon = np.pi + 2 * np.arctan2(imaginary, real)
     best = np.full(len(rpm), np.inf)
-    lobe, frequency = np.zeros(len(rpm)), np.zeros(len(rpm))
+    lobe, frequency = np.full(len(rpm), -1.0), np.full(len(rpm), np.nan)
     for k in range(12):
         speed = 60 * chatter / (2 * (k + (epsilon % (2 * np.pi)) / (2 * np.pi)))
         order = np.argsort(speed)
@@ -202,11 +203,18 @@ def stability() -> StabilityMap:
         BestSpeed(n * 2 * np.pi / 60, a * 1e-3, n * 2 * a * 1e-3 * 25e-3 * 1e-4 / 60, p, 0.8e-3 * a)
         for n, a, p in ((9400, 8.9, 0.43), (6310, 6.6, 0.47), (4720, 5.2, None))
     )
+    limits = np.isfinite(best)
     return StabilityMap(
         spindle_speed=rpm * 2 * np.pi / 60,
         limit_depth=best,
         chatter_frequency=frequency,
+        limit_kind=np.where(limits, 0, -1),
         lobe=lobe,
+        crossing_speed=rpm[limits] * 2 * np.pi / 60,
+        crossing_depth=best[limits],
+        crossing_kind=np.zeros(np.count_nonzero(limits)),
+        crossing_frequency=frequency[limits],
+        crossing_loses=np.ones(np.count_nonzero(limits)),
         limit_low=best * 0.8,
         limit_high=best * 1.25,
         method="zoa",
@@ -218,10 +226,7 @@ def stability() -> StabilityMap:
         absolute_minimum=float(best.min()),
         absolute_minimum_frequency=640.0,
         best=speeds,
-        operating_point=(SPEED, 1.2e-3),
-        operating_p_stable=0.42,
-        operating_limit=1.19e-3,
-        operating_limit_interval=(0.92e-3, 1.51e-3),
+        operating=OperatingPoint(SPEED, 1.2e-3, 1.19e-3, False, "hopf", 690.0, (0.92e-3, 1.51e-3), 0.42),
         notices=(Notice("zero-order", "at a radial depth below a tenth of the diameter use another method"),),
     )
 

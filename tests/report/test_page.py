@@ -211,7 +211,8 @@ def test_without_a_band_the_best_speeds_say_the_limit_and_that_it_is_no_safe_dep
 )
 def test_a_map_of_doubtful_coefficients_says_so_at_its_own_place_and_is_never_green(verdict, doubt, results):
     fit = dataclasses.replace(results["coefficients"], verdict=verdict)
-    stable = dataclasses.replace(results["stability"], operating_p_stable=1.0)
+    certain = dataclasses.replace(results["stability"].operating, p_stable=1.0)
+    stable = dataclasses.replace(results["stability"], operating=certain)
     html = render({"coefficients": fit, "stability": stable}, {}, {})
     section = Page(html[html.index('<section id="stability">') :].partition("</section>")[0] + "</section>")
     assert ("The map rests on coefficients" in section.seen) == (doubt is not None)
@@ -302,10 +303,7 @@ def test_optional_fields_may_be_missing(results, summary, provenance):
             "limit_low": None,
             "limit_high": None,
             "best": (),
-            "operating_point": None,
-            "operating_p_stable": None,
-            "operating_limit": None,
-            "operating_limit_interval": None,
+            "operating": None,
         },
         "coefficients": {
             "in_sample": None,
@@ -345,9 +343,9 @@ def test_one_cut_without_intervals_and_a_map_without_a_limit_are_told_as_such(re
         absolute_minimum=np.inf,
         absolute_minimum_frequency=np.nan,
         best=(),
-        operating_limit=None,
-        operating_limit_interval=None,
-        operating_p_stable=None,
+        operating=dataclasses.replace(
+            results["stability"].operating, limit=np.inf, limit_interval=None, p_stable=None, stable=True, kind=""
+        ),
     )
     page = Page(render({"coefficients": fit, "stability": unlimited}, {}, {}))
     assert "✓ The force model fits the 1 cut" in page.seen

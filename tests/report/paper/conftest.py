@@ -88,7 +88,7 @@ def hard_results(coefficients, frf, stability) -> dict[str, dict]:
         limit_low=None,
         limit_high=None,
         best=(),
-        operating_point=None,
+        operating=None,
     )
     no_limit = replace(rigid, limit_depth=np.full_like(rigid.limit_depth, np.inf), absolute_minimum=np.inf)
     return {
