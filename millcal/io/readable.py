@@ -4,8 +4,6 @@ from collections.abc import Callable, Sequence
 from math import floor, log10
 from typing import Any
 
-import numpy as np
-
 from millcal.data import (
     AXES,
     CoefficientHistory,
@@ -20,6 +18,7 @@ from millcal.data import (
     StabilityMap,
 )
 from millcal.io.force_readable import advice_text, forces_brief, forces_text
+from millcal.io.stability_readable import stability_brief, stability_text
 from millcal.io.summaries import summarise
 from millcal.io.text_table import cell as _cell
 from millcal.io.text_table import interval as _interval
@@ -234,65 +233,6 @@ def _percentage(value: float | None) -> str:
     return "-" if value is None else f"{value:+.3g} %"
 
 
-def _stability_text(found: StabilityMap) -> str:
-    s = summarise(found)
-    banded = found.limit_low is not None
-    rows = []
-    for i in _round_speeds(np.array([entry["rpm"] for entry in s["limit"]])):
-        entry = s["limit"][i]
-        first = entry["crossings"][0] if entry["crossings"] else dict.fromkeys(("ap_mm", "chatter_hz", "lobe"))
-        interval = [_interval(first.get("ap_mm_ci95"))] if banded else []
-        rows.append((round(entry["rpm"]), first["ap_mm"], *interval, first["chatter_hz"], first["lobe"]))
-    head, *rest = _stability_brief(found).splitlines()
-    limits = table(("rpm", "limit mm", *(["95 %"] if banded else []), "chatter Hz", "lobe"), rows)
-    return "\n".join([head, limits, *rest])
-
-
-def _stability_brief(found: StabilityMap) -> str:
-    """Without the limit speed by speed."""
-    s = summarise(found)
-    lines = [
-        f"{s['method']}, {found.teeth} teeth, {found.direction}, radial depth {s['radial_depth_mm']:.4g} mm: "
-        f"stable at any speed below {_cell(s['minimum']['ap_mm'])} mm"
-    ]
-    if s["best"]:
-        lines += _best_speeds(s["best"])
-    else:
-        lines.append("no pocket between lobes in this range of speeds")
-    if s["operating_point"] is not None:
-        p = s["operating_point"]
-        stable = "" if p["p_stable"] is None else f", stable with probability {p['p_stable']:.3g}"
-        limit = f"limit {_cell(p['limit_ap_mm'])} mm"
-        if p["limit_ap_mm_ci95"] is not None:
-            limit += f" ({_interval(p['limit_ap_mm_ci95'])})"
-        lines.append(f"operating point {p['rpm']:.0f} rpm, {p['ap_mm']:.4g} mm: {limit}{stable}")
-    return "\n".join(lines)
-
-
-def _best_speeds(best: Sequence[dict[str, Any]]) -> list[str]:
-    """What to cut at each speed and what that removes; with a band the safe depth, else the limit itself."""
-    if all(b["safe_ap_mm"] is None for b in best):
-        rows = [(round(b["rpm"]), b["ap_mm"], b["mrr_cm3_per_min"]) for b in best]
-        return ["best speeds, the most material first, at the limit:", table(("rpm", "limit mm", "cm3/min"), rows)]
-    rows = []
-    for b in best:
-        safe, removal = b["safe_ap_mm"], b["mrr_cm3_per_min"]
-        at_safe = None if safe is None or removal is None else removal * safe / b["ap_mm"]
-        rows.append((round(b["rpm"]), safe, at_safe, b["ap_mm"], b["p_stable"]))
-    head = "best speeds, the most material first (safe: stable with 97.5 %; cm3/min at the safe depth):"
-    return [head, table(("rpm", "safe mm", "cm3/min", "limit mm", "p stable at limit"), rows)]
-
-
-def _round_speeds(rpm: np.ndarray) -> list[int]:
-    """Indices of the speeds of a map nearest to round ones, about a dozen of them."""
-    span = float(rpm[-1] - rpm[0])
-    steps = [mantissa * 10.0**power for power in range(-1, 6) for mantissa in (1, 2, 5)]
-    step = next(step for step in steps if span / step <= 14)
-    first = int(np.ceil(rpm[0] / step - 1e-9))
-    wanted = step * np.arange(first, int(np.floor(rpm[-1] / step + 1e-9)) + 1)
-    return list(dict.fromkeys(int(np.argmin(np.abs(rpm - speed))) for speed in wanted))
-
-
 _TEXTS: dict[type, Callable[[Any], str]] = {
     Recording: _recording_text,
     CutForce: _cut_force_text,
@@ -302,12 +242,12 @@ _TEXTS: dict[type, Callable[[Any], str]] = {
     CoefficientHistory: _history_text,
     ForceHarmonics: forces_text,
     SpeedAdvice: advice_text,
-    StabilityMap: _stability_text,
+    StabilityMap: stability_text,
 }
 
 _BRIEFS: dict[type, Callable[[Any], str]] = {
     **_TEXTS,
     Frf: _frf_brief,
     ForceHarmonics: forces_brief,
-    StabilityMap: _stability_brief,
+    StabilityMap: stability_brief,
 }

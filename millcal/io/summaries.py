@@ -30,6 +30,7 @@ from millcal.io.history_summary import summarise_history
 from millcal.io.keys import keys_of
 from millcal.io.modal_summary import summarise_modes
 from millcal.io.parameter_summary import known, offset_of_the_cutter, posterior_summary, shop, shop_value
+from millcal.io.stability_summary import summarise_stability
 from millcal.units import SUFFIXES
 
 
@@ -219,56 +220,6 @@ def _coefficients(fit: Coefficients) -> dict[str, Any]:
     }
 
 
-def _stability(found: StabilityMap) -> dict[str, Any]:
-    banded = found.limit_low is not None and found.limit_high is not None
-    limit = []
-    for i, speed in enumerate(found.spindle_speed):
-        crossing = {
-            "ap_mm": shop(found.limit_depth[i], "ap_mm"),
-            "kind": "hopf",  # the zero-order approximation knows no flip
-            "chatter_hz": known(found.chatter_frequency[i]),
-            "lobe": known(found.lobe[i]),
-        }
-        if banded:
-            crossing["ap_mm_ci95"] = [shop(bound[i], "ap_mm") for bound in (found.limit_low, found.limit_high)]
-        limit.append({"rpm": shop(speed, "x_rpm"), "crossings": [] if crossing["ap_mm"] is None else [crossing]})
-    point = found.operating
-    return {
-        "method": found.method,
-        "teeth": found.teeth,
-        "diameter_mm": shop(found.diameter, "diameter_mm"),
-        "radial_depth_mm": shop(found.radial_depth, "radial_depth_mm"),
-        "direction": found.direction,
-        "feed_per_tooth_mm": shop(found.feed_per_tooth, "feed_per_tooth_mm"),
-        "minimum": {
-            "ap_mm": shop(found.absolute_minimum, "ap_mm"),
-            "chatter_hz": known(found.absolute_minimum_frequency),
-        },
-        "best": [
-            {
-                "rpm": shop(best.spindle_speed, "x_rpm"),
-                "ap_mm": shop(best.axial_depth, "ap_mm"),
-                "mrr_cm3_per_min": shop(best.removal_rate, "mrr_cm3_per_min"),
-                "p_stable": None if best.p_stable is None else known(best.p_stable),
-                "safe_ap_mm": shop(best.safe_depth, "ap_mm"),
-            }
-            for best in found.best
-        ],
-        "operating_point": None
-        if point is None
-        else {
-            "rpm": shop(point.spindle_speed, "x_rpm"),
-            "ap_mm": shop(point.axial_depth, "ap_mm"),
-            "p_stable": None if point.p_stable is None else known(point.p_stable),
-            "limit_ap_mm": shop(point.limit, "ap_mm"),
-            "limit_ap_mm_ci95": None
-            if point.limit_interval is None
-            else [shop(bound, "ap_mm") for bound in point.limit_interval],
-        },
-        "limit": limit,
-    }
-
-
 _SUMMARIES: dict[type, Callable[[Any], dict[str, Any]]] = {
     Recording: _recording,
     CutForce: _cut_force,
@@ -280,5 +231,5 @@ _SUMMARIES: dict[type, Callable[[Any], dict[str, Any]]] = {
     CoefficientHistory: summarise_history,
     ForceHarmonics: summarise_forces,
     SpeedAdvice: summarise_advice,
-    StabilityMap: _stability,
+    StabilityMap: summarise_stability,
 }

@@ -9,11 +9,14 @@ from millcal.data import (
     Check,
     Coefficients,
     CutForce,
+    CutTests,
     Frf,
     Hit,
     Modes,
     Notice,
+    OperatingPoint,
     Posterior,
+    SimulatedCuts,
     StabilityMap,
 )
 from millcal.physics.cutter import Cutter, CuttingConditions
@@ -67,10 +70,26 @@ def coefficients(rng):
 
 def stability_map(rng):
     return StabilityMap(
-        spindle_speed=rng.random(6), limit_depth=np.full(6, np.inf), chatter_frequency=rng.random(6),
-        lobe=np.arange(6.0), method="zoa", teeth=2, radial_depth=1e-2, diameter=25e-3, direction="down",
-        feed_per_tooth=None, absolute_minimum=1e-3, absolute_minimum_frequency=800.0,
-        best=(BestSpeed(600.0, 2e-3, 1e-6, None),), operating_point=(600.0, 1e-3),
+        spindle_speed=np.linspace(500.0, 1000.0, 6), limit_depth=np.array([np.inf, 2e-3, 1e-3, 1.5e-3, 3e-3, np.inf]),
+        chatter_frequency=np.array([np.nan, 800.0, 810.0, 405.0, 820.0, np.nan]),
+        limit_kind=np.array([-1.0, 0.0, 0.0, 1.0, 0.0, -1.0]), lobe=np.array([-1.0, 2.0, 2.0, 1.0, 1.0, -1.0]),
+        crossing_speed=np.array([600.0, 700.0, 800.0, 800.0, 800.0, 900.0]),
+        crossing_depth=np.array([2e-3, 1e-3, 1.5e-3, 1.8e-3, 2.5e-3, 3e-3]),
+        crossing_kind=np.array([0.0, 0.0, 1.0, 1.0, 0.0, 0.0]),
+        crossing_frequency=np.array([800.0, 810.0, 405.0, 406.0, 815.0, np.nan]),
+        crossing_loses=np.array([1.0, 1.0, 1.0, 0.0, 1.0, 1.0]), probability=rng.random((4, 6)),
+        probability_depth=np.linspace(0.0, 3e-3, 4), method="floquet", deepest=4e-3, teeth=2, radial_depth=1e-2,
+        diameter=25e-3, direction="down", feed_per_tooth=None, absolute_minimum=1e-3, absolute_minimum_frequency=810.0,
+        best=(BestSpeed(600.0, 2e-3, 1e-6, None),),
+        operating=OperatingPoint(700.0, 1.2e-3, 1e-3, False, "hopf", 810.0, (8e-4, np.inf), 0.1, (np.inf, 30.0), ("less µ",)),
+        tests=CutTests(
+            spindle_speed=np.array([600.0, 800.0]), axial_depth=np.array([1e-3, 1.6e-3]), stable=np.array([1.0, 1.0]),
+            name="cuts é.csv",
+        ),
+        simulated=SimulatedCuts(
+            spindle_speed=np.array([600.0, 800.0, 800.0]), axial_depth=np.array([1e-3, 1.6e-3, 2.6e-3]),
+            period=np.array([1.0, 2.0, 0.0]), metric=np.array([1e-9, 5e-6, np.nan]),
+        ),
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from modal_fits import cut_off, single, six_by_three
 
-from millcal.data import BestSpeed, Channel, Posterior, Recording, StabilityMap
+from millcal.data import Channel, Posterior, Recording
 from millcal.io.parameter_summary import posterior_summary
 from millcal.io.readable import _plus_minus, brief_of, table, text_of
 from millcal.io.summaries import summarise, value_at
@@ -76,44 +76,6 @@ def test_a_parallel_offset_seen_in_full_is_told_as_rho_and_lambda_at_the_bottom(
     assert told["rho_um"]["ci95"][0] == 0.0
     assert (told["lambda_deg"]["value"], told["lambda_deg"]["ci95"]) == (None, [None, None])
     assert "lambda_deg" in text_of(fit)
-
-
-def test_a_map_lists_the_crossings_of_each_speed_and_none_where_there_is_no_limit():
-    found = StabilityMap(
-        spindle_speed=np.array([100 * np.pi, 200 * np.pi]), limit_depth=np.array([2e-3, np.inf]),
-        chatter_frequency=np.array([800.0, np.nan]), lobe=np.array([1.0, np.nan]), limit_low=np.array([1e-3, 5e-3]),
-        limit_high=np.array([3e-3, np.inf]), method="zoa", teeth=2, radial_depth=1e-2, diameter=25e-3,
-        direction="down", feed_per_tooth=None, absolute_minimum=1e-3, absolute_minimum_frequency=810.0,
-        best=(BestSpeed(200 * np.pi, 2e-3, np.nan, None),),
-    )  # fmt: skip
-    told = summarise(found)
-    assert told["limit"][0]["rpm"] == pytest.approx(3000)
-    assert told["limit"][0]["crossings"] == [
-        {"ap_mm": 2.0, "kind": "hopf", "chatter_hz": 800.0, "lobe": 1, "ap_mm_ci95": [1.0, 3.0]}
-    ]
-    assert told["limit"][1]["crossings"] == []
-    assert told["best"][0]["mrr_cm3_per_min"] is None
-    assert told["best"][0]["p_stable"] is None
-    assert told["minimum"] == {"ap_mm": 1.0, "chatter_hz": 810.0}
-
-
-def test_the_best_speeds_as_text_are_those_of_the_safe_depth_or_of_the_limit_where_no_band_is_known(make_record):
-    best = BestSpeed(200 * np.pi, 4e-3, 1e-5, 0.5, 3e-3)  # 600 cm^3/min at the limit
-    found = replace(make_record("stability_map"), best=(best,))
-    assert summarise(found)["best"][0]["safe_ap_mm"] == pytest.approx(3.0)
-    header, row = _table_after(text_of(found), "best speeds")
-    assert re.split(" {2,}", header.strip()) == ["rpm", "safe mm", "cm3/min", "limit mm", "p stable at limit"]
-    assert [float(cell) for cell in row.split()] == pytest.approx([6000, 3.0, 450.0, 4.0, 0.5])
-    header, row = _table_after(text_of(replace(found, best=(replace(best, safe_depth=None),))), "best speeds")
-    assert "safe" not in header
-    assert [float(cell) for cell in row.split()] == pytest.approx([6000, 4.0, 600.0])
-
-
-def _table_after(text, title):
-    """The header and the first row of the table under a line that begins so."""
-    lines = text.splitlines()
-    at = next(i for i, line in enumerate(lines) if line.startswith(title))
-    return lines[at + 1 : at + 3]
 
 
 def test_an_frf_tells_its_hits_and_the_median_coherence_is_unknown_for_single_hits(make_record):

@@ -1,0 +1,176 @@
+"""What a stability map says to a reader: limits at round speeds, best speeds, the operating point and what to do about it."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from millcal.data import StabilityMap
+from millcal.io.stability_summary import compared, summarise_stability
+from millcal.io.text_table import cell, interval, table
+
+ROUND_SPEEDS = 14  # shown at most
+MOST_MISSED = 5  # test cuts told one by one
+
+
+def stability_text(found: StabilityMap) -> str:
+    """With the limits at round speeds."""
+    s = summarise_stability(found)
+    banded = found.limit_low is not None
+    rows = []
+    for i in round_speeds(np.array([entry["rpm"] for entry in s["limit"]])):
+        entry = s["limit"][i]
+        first = next((c for c in entry["crossings"] if c["loses"]), {})
+        band = [interval(first.get("ap_mm_ci95"))] if banded else []
+        rows.append(
+            (round(entry["rpm"]), first.get("ap_mm"), *band, first.get("kind"), first.get("chatter_hz"),
+             first.get("lobe"), _islands(entry["crossings"]))
+        )  # fmt: skip
+    header = ["rpm", "limit mm", *(["95 %"] if banded else []), "lost by", "chatter Hz", "lobe", "stable again mm"]
+    if not any(row[-1] for row in rows):
+        header, rows = header[:-1], [row[:-1] for row in rows]
+    head, *rest = _brief(found, s)
+    return "\n".join([head, table(header, rows), *rest])
+
+
+def stability_brief(found: StabilityMap) -> str:
+    """Without the limit speed by speed."""
+    return "\n".join(_brief(found, summarise_stability(found)))
+
+
+def compared_text(maps: Sequence[StabilityMap]) -> str:
+    """Methods side by side at round speeds, and where they disagree.   maps : the first is what others are held against"""
+    fewest = min((found.spindle_speed for found in maps), key=len)
+    rpm = fewest * 60 / (2 * np.pi)
+    s = compared(maps, [fewest[i] for i in round_speeds(rpm)])
+    rows = []
+    for entry in s["limit"]:
+        shown = []
+        for name in s["methods"]:
+            kind = entry[name]["kind"]
+            shown.append(cell(entry[name]["ap_mm"]) + ("" if kind in (None, "hopf") else f" {kind}"))
+        rows.append((round(entry["rpm"]), *shown))
+    lines = ["methods side by side, first limit in mm:", table(("rpm", *s["methods"]), rows)]
+    for other in s["difference"]:
+        if other["ratio"] is None:
+            lines.append(f"{other['method']}: no speed at which both it and {s['against']} have a limit")
+            continue
+        lines.append(
+            f"{other['method']} against {s['against']}: median difference {100 * other['median']:.2g} %, more than 10 % at "
+            f"{other['beyond']} of {other['speeds']} speeds, most at {other['rpm']:.0f} rpm: {_times(other['ratio'])}"
+        )
+    return "\n".join(lines)
+
+
+def round_speeds(rpm: np.ndarray) -> list[int]:
+    """Indices of the speeds of a map nearest to round ones, about a dozen of them."""
+    span = float(rpm[-1] - rpm[0])
+    steps = [mantissa * 10.0**power for power in range(-1, 6) for mantissa in (1, 2, 5)]
+    step = next(step for step in steps if span / step <= ROUND_SPEEDS)
+    first = int(np.ceil(rpm[0] / step - 1e-9))
+    wanted = step * np.arange(first, int(np.floor(rpm[-1] / step + 1e-9)) + 1)
+    return list(dict.fromkeys(int(np.argmin(np.abs(rpm - speed))) for speed in wanted))
+
+
+def _brief(found: StabilityMap, s: Mapping[str, Any]) -> list[str]:
+    everywhere = "stable at any speed below" if found.method == "zoa" else "at these speeds stable below"
+    lines = [
+        f"{s['method']}, {found.teeth} teeth, {found.direction}, radial depth {s['radial_depth_mm']:.4g} mm: "
+        f"{everywhere} {cell(s['minimum']['ap_mm'])} mm"
+    ]
+    if s["deepest_mm"] is not None:
+        lines[0] += f", looked for down to {cell(s['deepest_mm'])} mm"
+    lines += _best_speeds(s["best"]) if s["best"] else ["no pocket between lobes in this range of speeds"]
+    if s["operating_point"] is not None:
+        lines += _operating(s["operating_point"])
+    if "tests" in s:
+        lines += _tests(s["tests"])
+    if "simulated" in s:
+        lines += _simulated(s["simulated"])
+    return lines
+
+
+def _islands(crossings: Sequence[Mapping[str, Any]]) -> str | None:
+    """Depths above the first limit that are stable again: `2.100 to 2.600`."""
+    outside, since, found = 0, None, []
+    for crossing in crossings:
+        before = outside
+        outside += (2 if crossing["kind"] == "hopf" else 1) * (1 if crossing["loses"] else -1)
+        if before > 0 >= outside:
+            since = crossing["ap_mm"]
+        elif since is not None and before <= 0 < outside:
+            found.append(interval([since, crossing["ap_mm"]]))
+            since = None
+    if since is not None:
+        found.append(f"above {cell(since)}")
+    return ", ".join(found) or None
+
+
+def _best_speeds(best: Sequence[Mapping[str, Any]]) -> list[str]:
+    """What to cut at each speed and what that removes; with a band the safe depth, else the limit itself."""
+    safe = not all(b["safe_ap_mm"] is None for b in best)
+    powered = not all(b["power_W"] is None for b in best)
+    header = ["rpm", *(["safe mm", "cm3/min", "limit mm", "p stable at limit"] if safe else ["limit mm", "cm3/min"])]
+    rows = []
+    for b in best:
+        removal = b["mrr_cm3_per_min"]
+        if safe:
+            at_safe = None if b["safe_ap_mm"] is None or removal is None else removal * b["safe_ap_mm"] / b["ap_mm"]
+            row = [b["safe_ap_mm"], at_safe, b["ap_mm"], b["p_stable"]]
+        else:
+            row = [b["ap_mm"], removal]
+        rows.append((round(b["rpm"]), *row, *([b["torque_Nm"], b["power_W"]] if powered else [])))
+    if safe:
+        what = "cm3/min, N m and W" if powered else "cm3/min"
+        head = f"best speeds, the most material first (safe: stable with 97.5 %; {what} at the safe depth):"
+    else:
+        head = "best speeds, the most material first, at the limit:"
+    return [head, table((*header, *(["N m", "W"] if powered else [])), rows)]
+
+
+def _operating(p: Mapping[str, Any]) -> list[str]:
+    bound = f"limit {cell(p['limit_ap_mm'])} mm"
+    if p["limit_ap_mm_ci95"] is not None:
+        bound += f" ({interval(p['limit_ap_mm_ci95'])})"
+    chance = "" if p["p_stable"] is None else f", stable with probability {p['p_stable']:.3g}"
+    lines = [f"operating point {p['rpm']:.0f} rpm, {p['ap_mm']:.4g} mm: {bound}{chance}"]
+    by = "" if p["kind"] is None else f" by {p['kind']}"
+    at = "" if p["chatter_hz"] is None else f" about {p['chatter_hz']:.0f} Hz"
+    lines.append(f"  stable; the limit is lost{by}{at}" if p["stable"] and (by or at) else
+                 "  stable" if p["stable"] else f"  chatters{by}{at}")  # fmt: skip
+    if p["speed_margin_rpm"] is not None and p["stable"]:
+        down, up = (cell(side) for side in p["speed_margin_rpm"])
+        lines.append(f"  before this depth chatters the speed may fall by {down} rpm and rise by {up} rpm")
+    return lines + [f"  - {what}" for what in p["advice"]]
+
+
+def _tests(s: Mapping[str, Any]) -> list[str]:
+    if not s["cuts"]:
+        return []
+    of = f" of {s['from']}" if s["from"] else ""
+    lines = [f"test cuts{of}: {s['as_mapped']} of {s['on_map']} came out as the map says"]
+    missed = [cut for cut in s["cuts"] if cut["stable_by_map"] not in (None, cut["stable"])]
+    for cut in missed[:MOST_MISSED]:
+        was, says = ("stable" if stable else "chatter" for stable in (cut["stable"], cut["stable_by_map"]))
+        lines.append(f"  {cut['rpm']:.0f} rpm, {cut['ap_mm']:.4g} mm: {was}, and the map says {says}")
+    if len(missed) > MOST_MISSED:
+        lines.append(f"  and {len(missed) - MOST_MISSED} more")
+    outside = len(s["cuts"]) - s["on_map"]
+    return lines + ([f"  {outside} lie outside the map"] if outside else [])
+
+
+def _simulated(s: Mapping[str, Any]) -> list[str]:
+    periods = Counter(cut["period"] for cut in s["cuts"])
+    told = [f"{periods[1]} repeat every {s['per']}"]
+    told += [f"{periods[n]} every {n} {_plural(s['per'])}" for n in sorted(n for n in periods if n and n > 1)]
+    told += [f"{periods[None]} never: chatter"] if periods[None] else []
+    return [f"simulated cuts: {len(s['cuts'])}; {', '.join(told)}"]
+
+
+def _plural(per: str) -> str:
+    return "teeth" if per == "tooth" else f"{per}s"
+
+
+def _times(ratio: float) -> str:
+    return f"{ratio:.3g} times as deep" if ratio >= 1 else f"{1 / ratio:.3g} times less deep"

@@ -1,0 +1,151 @@
+"""A stability map as JSON, as text and as a table: every crossing, islands, tests beside the map, methods side by side."""
+
+import csv
+import re
+from dataclasses import replace
+from io import StringIO
+
+import numpy as np
+import pytest
+
+from millcal.data import BestSpeed, StabilityMap
+from millcal.io.readable import text_of
+from millcal.io.stability_readable import compared_text
+from millcal.io.stability_summary import compared, unstable_multipliers
+from millcal.io.stability_table import stability_table
+from millcal.io.summaries import summarise
+
+RPM = 2 * np.pi / 60
+
+
+def zoa_map(limit=(2e-3, np.inf), **more):
+    """Two speeds, 3000 and 6000 rpm, of the zero-order approximation; no limit at the second."""
+    limit = np.array(limit)
+    speeds, lost = np.array([3000 * RPM, 6000 * RPM]), np.isfinite(limit)
+    frequency = np.where(lost, 800.0, np.nan)
+    return StabilityMap(
+        **{
+            "spindle_speed": speeds, "limit_depth": limit, "chatter_frequency": frequency,
+            "limit_kind": np.where(lost, 0, -1), "lobe": np.where(lost, 8, -1), "crossing_speed": speeds[lost],
+            "crossing_depth": limit[lost], "crossing_kind": np.zeros(lost.sum()), "crossing_frequency": frequency[lost],
+            "crossing_loses": np.ones(lost.sum()), "method": "zoa", "teeth": 2, "radial_depth": 1e-2, "diameter": 25e-3,
+            "direction": "down", "feed_per_tooth": None, "absolute_minimum": 1e-3, "absolute_minimum_frequency": 810.0,
+            "best": (BestSpeed(200 * np.pi, 2e-3, np.nan, None),), **more,
+        }
+    )  # fmt: skip
+
+
+def test_a_map_lists_the_crossings_of_each_speed_and_none_where_there_is_no_limit():
+    told = summarise(zoa_map(limit_low=np.array([1e-3, 5e-3]), limit_high=np.array([3e-3, np.inf])))
+    assert told["limit"][0]["rpm"] == pytest.approx(3000)
+    assert told["limit"][0]["crossings"] == [
+        {"ap_mm": 2.0, "kind": "hopf", "chatter_hz": 800.0, "loses": True, "lobe": 8, "ap_mm_ci95": [1.0, 3.0]}
+    ]
+    assert told["limit"][1]["crossings"] == []
+    assert told["best"][0]["mrr_cm3_per_min"] is None
+    assert told["best"][0]["p_stable"] is None
+    assert told["minimum"] == {"ap_mm": 1.0, "chatter_hz": 810.0}
+    assert told["deepest_mm"] is None
+
+
+def test_an_island_of_stable_depths_above_the_first_limit_is_told(make_record):
+    """Period doubling at 1.5 mm, its end at 1.8 mm, Hopf at 2.5 mm: stable again in between."""
+    found = make_record("stability_map")
+    kinds = [(c["kind"], c["ap_mm"], c["loses"]) for c in summarise(found)["limit"][3]["crossings"]]
+    assert kinds == [("flip", 1.5, True), ("flip", pytest.approx(1.8), False), ("hopf", 2.5, True)]
+    assert "1.800 to 2.500" in text_of(found)
+    depths = np.array([1.4, 1.6, 2.0, 2.6]) * 1e-3
+    assert [unstable_multipliers(found, 800.0, depth) for depth in depths] == [0, 1, 0, 2]
+
+
+def test_the_lobe_of_a_crossing_is_its_whole_waves_between_two_teeth(make_record):
+    found = make_record("stability_map")
+    first, *above = summarise(found)["limit"][3]["crossings"]
+    assert first["lobe"] == found.lobe[3]  # as the method has counted
+    for crossing in above:
+        assert crossing["lobe"] == int(crossing["chatter_hz"] * 2 * np.pi / (found.teeth * 800.0))
+
+
+def test_test_cuts_are_held_against_the_map(make_record):
+    told = summarise(make_record("stability_map"))["tests"]
+    assert [cut["stable_by_map"] for cut in told["cuts"]] == [True, False]
+    assert (told["on_map"], told["as_mapped"]) == (2, 1)
+    said = text_of(make_record("stability_map"))
+    assert "cuts é.csv: 1 of 2 came out as the map says" in said
+    assert "1.6 mm: stable, and the map says chatter" in said
+
+
+def test_simulated_cuts_are_counted_by_their_period(make_record):
+    assert "simulated cuts: 3; 1 repeat every tooth, 1 every 2 teeth, 1 never: chatter" in text_of(
+        make_record("stability_map")
+    )
+
+
+def test_the_operating_point_says_what_to_do(make_record):
+    point = summarise(make_record("stability_map"))["operating_point"]
+    assert (point["stable"], point["kind"], point["advice"]) == (False, "hopf", ["less µ"])
+    assert point["speed_margin_rpm"] == [None, pytest.approx(30 / RPM)]
+    said = text_of(make_record("stability_map"))
+    assert "chatters by hopf about 810 Hz" in said
+    assert said.splitlines()[-1] != "  - less µ"  # the tests follow
+    assert "  - less µ" in said.splitlines()
+
+
+def test_the_best_speeds_as_text_are_those_of_the_safe_depth_or_of_the_limit_where_no_band_is_known(make_record):
+    best = BestSpeed(200 * np.pi, 4e-3, 1e-5, 0.5, 3e-3)  # 600 cm^3/min at the limit
+    found = replace(make_record("stability_map"), best=(best,))
+    assert summarise(found)["best"][0]["safe_ap_mm"] == pytest.approx(3.0)
+    header, row = _table_after(text_of(found), "best speeds")
+    assert re.split(" {2,}", header.strip()) == ["rpm", "safe mm", "cm3/min", "limit mm", "p stable at limit"]
+    assert [float(cell) for cell in row.split()] == pytest.approx([6000, 3.0, 450.0, 4.0, 0.5])
+    header, row = _table_after(text_of(replace(found, best=(replace(best, safe_depth=None),))), "best speeds")
+    assert "safe" not in header
+    assert [float(cell) for cell in row.split()] == pytest.approx([6000, 4.0, 600.0])
+
+
+def test_torque_and_power_stand_beside_the_best_speeds_where_they_are_known(make_record):
+    best = BestSpeed(200 * np.pi, 4e-3, 1e-5, 0.5, 3e-3, torque=1.5, power=300 * np.pi)
+    found = replace(make_record("stability_map"), best=(best,))
+    told = summarise(found)["best"][0]
+    assert told["power_W"] == pytest.approx(told["torque_Nm"] * told["rpm"] * RPM)
+    header, row = _table_after(text_of(found), "best speeds")
+    assert re.split(" {2,}", header.strip())[-2:] == ["N m", "W"]
+    assert [float(cell) for cell in row.split()[-2:]] == pytest.approx([1.5, 942.5])
+
+
+def test_methods_side_by_side_say_how_far_they_differ_and_where():
+    one, other = zoa_map((2e-3, 1e-3)), zoa_map((2e-3, 4e-4), method="floquet", limit_kind=np.array([0, 1]))
+    told = compared([one, other], one.spindle_speed)
+    assert told["limit"][1]["floquet"] == {"ap_mm": pytest.approx(0.4), "kind": "flip"}
+    (difference,) = told["difference"]
+    assert difference["ratio"] == pytest.approx(0.4)
+    assert difference["rpm"] == pytest.approx(6000)
+    assert difference["beyond"] == 1
+    said = compared_text([one, other])
+    assert "0.4000 flip" in said
+    assert "most at 6000 rpm: 2.5 times less deep" in said
+
+
+def test_no_limit_is_as_deep_as_was_looked():
+    """A method that finds no limit above another's is not infinitely far from it."""
+    one, other = zoa_map((2e-3, 4e-3), deepest=5e-3), zoa_map((2e-3, np.inf), method="floquet", deepest=5e-3)
+    (difference,) = compared([one, other], one.spindle_speed)["difference"]
+    assert difference["ratio"] == pytest.approx(1.25)
+
+
+def test_the_table_has_a_line_for_each_crossing_and_one_for_a_speed_without(make_record):
+    found = make_record("stability_map")
+    lines = list(csv.DictReader(StringIO(stability_table(found))))
+    assert len(lines) == len(found.crossing_depth) + 2  # two speeds have none
+    depths = [float(line["ap_mm"]) * 1e-3 for line in lines if line["ap_mm"]]
+    assert depths == pytest.approx(found.crossing_depth)
+    limits = {float(line["rpm"]): line["limit_mm"] for line in lines}
+    assert [float(limit or "inf") * 1e-3 for limit in limits.values()] == pytest.approx(found.limit_depth)
+    assert [line["loses"] for line in lines if line["kind"] == "flip"] == ["1", "0"]
+
+
+def _table_after(text, title):
+    """The header and the first row of the table under a line that begins so."""
+    lines = text.splitlines()
+    at = next(i for i, line in enumerate(lines) if line.startswith(title))
+    return lines[at + 1 : at + 3]
