@@ -1,0 +1,247 @@
+"""One period of a cut in pieces on which the force is smooth, with its nodes: the geometry behind `floquet`.
+
+A period runs from the entry of tooth 0 over one pitch, where all pitches are equal, else over one revolution. Teeth that enter
+or leave, and the ends of a helical edge, divide it into pieces; where several teeth of unequal pitch cut at once, so do the
+kinks that reappear in the motion one delay later. Pieces without a tooth in cut are free flight and are left out. On each
+piece stand Gauss nodes, and on each node as few unknowns as the force needs: one, the chip w = C . r, where a single straight
+tooth cuts; one, the motion along the only direction in which the tip can move; else r itself.
+"""
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from millcal.physics.stability.regeneration import Regeneration, TipModes, h0
+
+STRAIGHT = 1e-4  # rad of helix over the depth, below which the mean angle stands for all heights (cancellation)
+MORE_INNER = 2  # nodes of the integrals up to a node, beyond the order
+
+
+class Pieces(NamedTuple):
+    """Where something is cut, from the entry of tooth 0 on."""
+
+    period: float  # rad
+    start: np.ndarray  # (piece,), rad
+    length: np.ndarray  # (piece,), rad
+    teeth: tuple[tuple[int, ...], ...]  # in cut on each piece, by number; of equal pitch: pitches ahead of tooth 0
+
+
+class Unknowns(NamedTuple):
+    """What is unknown on the nodes and the force it makes: F = - b sum of column (S0 now - S1 before); see `floquet_kernel`."""
+
+    piece: np.ndarray
+    index: np.ndarray
+    row: np.ndarray
+    column: np.ndarray
+    rubs: np.ndarray
+    now: np.ndarray
+    before: np.ndarray
+    memory: np.ndarray
+    plain: bool
+
+
+@lru_cache(maxsize=256)
+def gauss_table(order: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nodes on 0..1, nodes of the inner integrals, and the weights that integrate each Lagrange polynomial.
+
+    The integral from 0 to node i of g(x_i - t) l_j(t) is the sum over k of weight[i, k, j] g(x_i (1 - u_k)); the last i stands
+    for the whole piece.   returns (n,), (q,), (n + 1, q, n)
+    """
+    node, inner, inner_weight = _unit_gauss(order)[0], *_unit_gauss(order + MORE_INNER)
+    ends = np.append(node, 1.0)
+    at = ends[:, np.newaxis] * inner
+    weight = lagrange(node, at.ravel()).reshape(*at.shape, order)
+    weight *= (ends[:, np.newaxis] * inner_weight)[:, :, np.newaxis]
+    for part in (node, inner, weight):
+        part.flags.writeable = False
+    return node, inner, weight
+
+
+def _unit_gauss(order: int) -> tuple[np.ndarray, np.ndarray]:
+    node, weight = np.polynomial.legendre.leggauss(order)
+    return (node + 1) / 2, weight / 2
+
+
+def lagrange(node: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Lagrange polynomials of Gauss nodes, barycentric.   node : (n,) on 0..1   at : (m,)   returns (m, n)"""
+    x = 2 * node - 1
+    _, weight = np.polynomial.legendre.leggauss(len(node))
+    barycentric = (-1.0) ** np.arange(len(node)) * np.sqrt((1 - x**2) * weight)
+    gap = at[:, np.newaxis] - node
+    there = np.abs(gap) < 1e-15
+    terms = barycentric / np.where(there, 1.0, gap)
+    values = terms / terms.sum(axis=1, keepdims=True)
+    on_node = there.any(axis=1)
+    values[on_node] = there[on_node]
+    return values
+
+
+def pieces_of(cut: Regeneration, depth: float) -> Pieces:
+    """The pieces of a period; the depth counts with a helix alone.   depth : m"""
+    swept, lag = cut.leave - cut.entry, cut.wind * depth
+    lag = lag if abs(lag) > STRAIGHT else 0.0
+    if cut.equal_pitch:
+        period = 2 * np.pi / cut.teeth
+        ends = np.array([0.0, swept + lag, *([lag, swept] if lag else [])])
+        marks = _marks(np.mod(ends, period), period)
+        start, length = marks[:-1], np.diff(marks)
+        middle = start + length / 2
+        most = int(np.ceil((swept + lag) / period)) + 1
+        teeth = [tuple(k for k in range(most) if t + k * period < swept + lag) for t in middle]
+    else:
+        period = 2 * np.pi
+        lags = np.concatenate([[0.0], np.cumsum(cut.pitch)[:-1]])
+        ends = np.concatenate([lags + end for end in (0.0, swept + lag, *([lag, swept] if lag else []))])
+        marks = _marks(np.mod(ends, period), period)
+        engaged = (np.mod(marks[:-1, np.newaxis] + np.diff(marks)[:, np.newaxis] / 2 - lags, period) < swept + lag).sum(
+            1
+        )
+        if engaged.max() > 1 or lag:
+            later = []
+            for tooth, delay in enumerate(delays_of(cut)):
+                again = np.mod(marks[:-1] + delay, period)
+                later.append(again[np.mod(again - lags[tooth], period) <= swept + lag])
+            marks = _marks(np.concatenate([marks[:-1], *later]), period)
+        start, length = marks[:-1], np.diff(marks)
+        middle = start + length / 2
+        teeth = [tuple(np.flatnonzero(np.mod(t - lags, period) < swept + lag)) for t in middle]
+    cuts = np.array([len(those) > 0 for those in teeth])
+    return Pieces(period, start[cuts], length[cuts], tuple(those for those in teeth if those))
+
+
+def _marks(ends: np.ndarray, period: float) -> np.ndarray:
+    """Ends of pieces from 0 to the period, ascending; what differs by rounding is one."""
+    ends = np.sort(np.where(period - ends < 1e-9, 0.0, ends))
+    kept = [0.0]
+    for end in ends:
+        if end - kept[-1] > 1e-9:
+            kept.append(float(end))
+    return np.array([*kept, period])
+
+
+def delays_of(cut: Regeneration) -> np.ndarray:
+    """By how much each tooth comes after the one that cut before it, rad.   returns (tooth,)"""
+    if cut.equal_pitch:
+        return np.full(cut.teeth, 2 * np.pi / cut.teeth)
+    return np.roll(cut.pitch, 1)
+
+
+def _tooth_angle(cut: Regeneration, tooth: int, at: np.ndarray) -> np.ndarray:
+    """Angle of a tooth at the helix bottom.   tooth : as in `Pieces.teeth`   at : rad since the entry of tooth 0"""
+    if cut.equal_pitch:
+        return cut.entry + at + tooth * 2 * np.pi / cut.teeth
+    lag = float(np.sum(cut.pitch[:tooth]))
+    return cut.entry + np.mod(at - lag, 2 * np.pi)
+
+
+def force_matrix(angle: np.ndarray, cut: Regeneration, depth: float, ktc: float, krc: float) -> np.ndarray:
+    """H of a tooth whose bottom is at an angle, over the depth: of a straight edge per depth, of a helical one as a whole.
+
+    With I an antiderivative of H0, the integral over the height is [I(min(phi, exit)) - I(max(phi - lag, entry))] / wind.
+
+    angle : (n,) rad   returns (n, 2, 2), N/m^2, with a helix N/m
+    """
+    lag = cut.wind * depth
+    if lag == 0.0:
+        return h0(angle, ktc, krc)
+    if abs(lag) <= STRAIGHT:
+        return depth * h0(angle - lag / 2, ktc, krc)
+    low, high = np.maximum(angle - lag, cut.entry), np.minimum(angle, cut.leave)
+    return (_antiderivative(high, ktc, krc) - _antiderivative(low, ktc, krc)) / cut.wind
+
+
+def _antiderivative(angle: np.ndarray, ktc: float, krc: float) -> np.ndarray:
+    s, ss = np.sin(angle) ** 2 / 2, angle / 2 - np.sin(2 * angle) / 4
+    cc = angle / 2 + np.sin(2 * angle) / 4
+    rows = [[ktc * s + krc * ss, ktc * cc + krc * s], [krc * s - ktc * ss, krc * cc - ktc * s]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def _only_direction(vectors: np.ndarray) -> np.ndarray | None:
+    """The direction that complex vectors share, or None.   vectors : (n, 2)   returns (2,) of length 1"""
+    both = np.concatenate([vectors.real, vectors.imag])
+    _, size, axes = np.linalg.svd(both, full_matrices=False)
+    return axes[0] if size[-1] <= 1e-12 * size[0] else None
+
+
+def unknowns_of(pieces: Pieces, tip: TipModes, cut: Regeneration, depth: float, order: int) -> Unknowns:
+    """The unknowns of a period at a given order.   depth : m, counts with a helix alone"""
+    node = gauss_table(order)[0]
+    moves = _only_direction(np.concatenate([tip.output, tip.flexibility.T]))
+    pushed = _only_direction(np.concatenate([tip.given, tip.flexibility]))
+    alone = moves is not None and pushed is not None
+    straight = cut.wind * depth == 0.0
+    single = straight and all(len(those) == 1 for those in pieces.teeth)
+    apart = (
+        not cut.equal_pitch and not single
+    )  # the delayed motion lies between nodes: force and motion need frames of their own
+    friction = cut.indentation / cut.radius if cut.indentation else 0.0
+    laws = ((cut.ktc, cut.krc, False), (cut.indentation_friction * friction, friction, True))[: 2 if friction else 1]
+    rows = np.array([moves]) if alone else np.eye(2)
+    columns = np.array([pushed]) if alone else np.eye(2)
+    parts: list[tuple[int, int, np.ndarray, np.ndarray, bool]] = []  # piece, node, row, column, rubs
+    blocks: list[tuple[int, np.ndarray]] = []  # first unknown of a node, its part of S0
+    waves: list[tuple[int, float, int, np.ndarray]] = []  # first unknown of a node, rad, tooth, force of its wave
+    for p, teeth in enumerate(pieces.teeth):
+        at = pieces.start[p] + pieces.length[p] * node
+        for ktc, krc, rubs in laws:
+            each = [force_matrix(_tooth_angle(cut, k, at), cut, depth, ktc, krc) for k in teeth]
+            for i in range(order):
+                if apart:
+                    seen = [columns @ matrix[i] @ rows.T for matrix in each]
+                    blocks.append((len(parts), sum(seen)))
+                    if not rubs:
+                        waves += [(len(parts), at[i], k, part) for k, part in zip(teeth, seen, strict=True)]
+                    parts += [(p, i, row, column, rubs) for row, column in zip(rows, columns, strict=True)]
+                    continue
+                matrix = sum(part[i] for part in each)
+                if alone:
+                    parts.append((p, i, moves, pushed * (pushed @ matrix @ moves), rubs))
+                elif single:
+                    angle = _tooth_angle(cut, teeth[0], at[i : i + 1])[0]
+                    chip = np.array([np.sin(angle), np.cos(angle)])
+                    parts.append((p, i, chip, matrix @ chip, rubs))
+                else:
+                    parts += [(p, i, np.eye(2)[k], matrix[:, k], rubs) for k in range(2)]
+    piece, index, row, column, rubbing = (np.array(part) for part in zip(*parts, strict=True))
+    now, before = np.eye(len(parts)), np.zeros((len(parts), len(parts)))
+    if apart:
+        now, before = _waves_between_nodes(pieces, cut, node, blocks, waves, (piece, index, rubbing))
+    elif cut.equal_pitch:
+        before[~rubbing, ~rubbing] = 1.0
+    else:  # the nodes of every tooth stand at the same angles: its wave is that of the piece before
+        places = [np.flatnonzero((piece == p) & ~rubbing) for p in range(len(pieces.start))]
+        for mine, last in zip(places[1:], places[:-1], strict=True):
+            now[mine, last] = -1.0
+        before[places[0], places[-1]] = 1.0
+    memory = np.flatnonzero(before.any(axis=0))
+    return Unknowns(piece, index, row, column, rubbing, now, before[:, memory], memory, cut.equal_pitch)
+
+
+def _waves_between_nodes(
+    pieces: Pieces,
+    cut: Regeneration,
+    node: np.ndarray,
+    blocks: list[tuple[int, np.ndarray]],
+    waves: list[tuple[int, float, int, np.ndarray]],
+    where: tuple[np.ndarray, np.ndarray, np.ndarray],
+) -> tuple[np.ndarray, np.ndarray]:
+    """S0 and S1 where every tooth has its own delay: the wave is read from the polynomial of the piece that made it."""
+    piece, index, rubbing = where
+    size = len(blocks[0][1])
+    now, before = np.zeros((len(piece), len(piece))), np.zeros((len(piece), len(piece)))
+    for first, block in blocks:
+        now[first : first + size, first : first + size] = block
+    delays = delays_of(cut)
+    first_of = [np.flatnonzero((piece == p) & ~rubbing)[::size] for p in range(len(pieces.start))]
+    ends = pieces.start + pieces.length
+    for first, at, tooth, force in waves:
+        past = at - delays[tooth]
+        target, past = (now, past) if past >= 0 else (before, past + pieces.period)
+        p = int(np.clip(np.searchsorted(ends, past), 0, len(ends) - 1))
+        share = lagrange(node, np.array([(past - pieces.start[p]) / pieces.length[p]]))[0]
+        for value, place in zip(share, first_of[p], strict=True):
+            change = -value if target is now else value
+            target[first : first + size, place : place + size] += change * force
+    return now, before

@@ -1,0 +1,434 @@
+"""The monodromy matrix of a cut and its multipliers, compiled: see `floquet` for the equations and what the arrays mean.
+
+Everything is per radian of spindle rotation: times are angles, a pole is s / Omega, integrals over time carry 1 / Omega. The
+arrays of a `Problem` do not depend on speed or depth; `_prepare` makes the four matrices of one speed, `_monodromy` the
+matrix of one depth from them, `_multipliers` its eigenvalues by elimination to Hessenberg form and the double-shift QR
+iteration (Wilkinson, Reinsch 1971: elmhes, hqr), which for the sizes here, 7 to 80, is quicker than a call of LAPACK.
+
+This module imports numba and so is imported where it is used.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+MOST_STEPS = 60  # of the QR iteration for one eigenvalue
+ROOT_STEPS = 60  # for a crossing: bisection would need no more
+
+
+class Problem(NamedTuple):
+    """One cut over one period, its force on polynomials: speed and depth are free."""
+
+    pole: np.ndarray  # complex (mode,), 1/s
+    output: np.ndarray  # complex (mode, 2)
+    given: np.ndarray  # complex (mode, 2)
+    flexibility: np.ndarray  # (2, 2)
+    direct: np.ndarray  # (2, 2): sum of 2 Re c b^T, zero for real modes
+    period: float  # rad
+    start: np.ndarray  # (piece,), rad
+    length: np.ndarray  # (piece,), rad
+    node: np.ndarray  # Gauss nodes of a piece, (n,), 0..1
+    inner: np.ndarray  # nodes of the integrals up to a node, (q,), 0..1
+    weight: (
+        np.ndarray
+    )  # (n + 1, q, n): of the force at node j in the integral up to node i; i = n: over the whole piece
+    piece: np.ndarray  # integer (unknown,)
+    index: np.ndarray  # integer (unknown,): node within its piece
+    row: np.ndarray  # (unknown, 2): what is taken of r, or of r' where `rubs`
+    column: np.ndarray  # (unknown, 2): force per unknown and depth
+    rubs: np.ndarray  # bool (unknown,): a velocity, whose column counts as 1 / Omega and which leaves no wave
+    now: np.ndarray  # (unknown, unknown): S0
+    before: np.ndarray  # (unknown, remembered): S1, of those that the next period remembers
+    memory: np.ndarray  # integer (remembered,): unknowns
+    plain: bool  # S0 is one and S1 the projection on `memory`
+
+
+@njit(cache=True)
+def _prepare(p, speed, gamma, phi, evolution, feed, block, power):
+    """The matrices of one speed.
+
+    gamma : (unknown, unknown)   phi : (unknown, 2 mode)   evolution : (2 mode, 2 mode)   feed : (2 mode, unknown)
+    block : complex (n + 1, n), power : complex (q,): scratch
+    """
+    unknowns, n, q = len(p.piece), len(p.node), len(p.inner)
+    gamma[:] = 0.0
+    evolution[:] = 0.0
+    for m in range(len(p.pole)):
+        s = p.pole[m] / speed
+        size = math.sqrt(
+            abs(p.output[m, 0].real) ** 2
+            + p.output[m, 0].imag ** 2
+            + p.output[m, 1].real ** 2
+            + p.output[m, 1].imag ** 2
+        )
+        last = -1.0
+        for piece in range(len(p.start)):
+            length = p.length[piece]
+            if length != last:
+                _integrals(s, length, p, n, q, block, power, speed)
+                last = length
+            end = p.start[piece] + length
+            to_end = np.exp(s * (p.period - end))
+            for b in range(unknowns):
+                if p.piece[b] != piece:
+                    continue
+                j = p.index[b]
+                force = p.given[m, 0] * p.column[b, 0] + p.given[m, 1] * p.column[b, 1]
+                if p.rubs[b]:
+                    force /= speed
+                at_end = 2 * size * force * to_end * block[n, j]
+                feed[2 * m, b] = at_end.real
+                feed[2 * m + 1, b] = at_end.imag
+                for a in range(unknowns):
+                    if p.piece[a] == piece:
+                        seen = p.output[m, 0] * p.row[a, 0] + p.output[m, 1] * p.row[a, 1]
+                        if p.rubs[a]:
+                            seen *= p.pole[m]
+                        i = p.index[a]
+                        gamma[a, b] += 2 * (
+                            (seen.real * force.real - seen.imag * force.imag) * block[i, j].real
+                            - (seen.real * force.imag + seen.imag * force.real) * block[i, j].imag
+                        )
+            if piece + 1 < len(p.start):
+                for a in range(unknowns):
+                    if p.piece[a] > piece:
+                        angle = p.start[p.piece[a]] + p.length[p.piece[a]] * p.node[p.index[a]]
+                        seen = p.output[m, 0] * p.row[a, 0] + p.output[m, 1] * p.row[a, 1]
+                        if p.rubs[a]:
+                            seen *= p.pole[m]
+                        seen *= 2 * np.exp(s * (angle - end))
+                        for b in range(unknowns):
+                            if p.piece[b] == piece:
+                                force = p.given[m, 0] * p.column[b, 0] + p.given[m, 1] * p.column[b, 1]
+                                if p.rubs[b]:
+                                    force /= speed
+                                gamma[a, b] += (seen * force * block[n, p.index[b]]).real
+        for a in range(unknowns):
+            angle = p.start[p.piece[a]] + p.length[p.piece[a]] * p.node[p.index[a]]
+            seen = (p.output[m, 0] * p.row[a, 0] + p.output[m, 1] * p.row[a, 1]) / size * np.exp(s * angle)
+            if p.rubs[a]:
+                seen *= p.pole[m]
+            phi[a, 2 * m] = seen.real
+            phi[a, 2 * m + 1] = -seen.imag
+        whole = np.exp(s * p.period)
+        evolution[2 * m, 2 * m] = evolution[2 * m + 1, 2 * m + 1] = whole.real
+        evolution[2 * m, 2 * m + 1], evolution[2 * m + 1, 2 * m] = -whole.imag, whole.real * 0.0 + whole.imag
+    for a in range(unknowns):
+        for b in range(unknowns):
+            if p.piece[a] == p.piece[b] and p.index[a] == p.index[b]:
+                at_once = 0.0
+                for k in range(2):
+                    for l in range(2):
+                        matrix = p.direct[k, l] if p.rubs[a] else p.flexibility[k, l]
+                        at_once += p.row[a, k] * matrix * p.column[b, l]
+                gamma[a, b] += at_once / speed if p.rubs[b] else at_once
+
+
+@njit(cache=True)
+def _integrals(s, length, p, n, q, block, power, speed):
+    """Of e^{s (t_i - t)} times each Lagrange polynomial, up to each node and over the whole piece: block (n + 1, n)."""
+    for i in range(n + 1):
+        reach = length * p.node[i] if i < n else length
+        whole = np.exp(s * reach)
+        # the inner nodes lie symmetrically: with e^{s t u} there is e^{s t (1 - u)} = e^{s t} / e^{s t u}
+        for k in range((q + 1) // 2):
+            value = np.exp(s * (reach * p.inner[k]))
+            power[q - 1 - k] = value
+            power[k] = whole / value
+        for j in range(n):
+            block[i, j] = 0.0
+        for k in range(q):
+            real, imag = power[k].real * length / speed, power[k].imag * length / speed
+            for j in range(n):
+                block[i, j] += complex(real * p.weight[i, k, j], imag * p.weight[i, k, j])
+
+
+@njit(cache=True)
+def _monodromy(p, depth, gamma, phi, evolution, feed, left, right, matrix):
+    """The matrix from (remembered unknowns, modal state) to themselves a period later.   left, right : scratch"""
+    unknowns, remembered, states = len(p.piece), len(p.memory), evolution.shape[0]
+    columns = remembered + states
+    # w = phi z - b gamma (S0 w - S1 w_before):   left w = right
+    if p.plain:
+        for a in range(unknowns):
+            for b in range(unknowns):
+                left[a, b] = depth * gamma[a, b]
+            for k in range(remembered):
+                right[a, k] = depth * gamma[a, p.memory[k]]
+            left[a, a] += 1.0
+            for k in range(states):
+                right[a, remembered + k] = phi[a, k]
+    else:
+        for a in range(unknowns):
+            for b in range(unknowns):
+                total = 0.0
+                for c in range(unknowns):
+                    total += gamma[a, c] * p.now[c, b]
+                left[a, b] = depth * total
+            for k in range(remembered):
+                total = 0.0
+                for c in range(unknowns):
+                    total += gamma[a, c] * p.before[c, k]
+                right[a, k] = depth * total
+            left[a, a] += 1.0
+            for k in range(states):
+                right[a, remembered + k] = phi[a, k]
+    _solve(left, right, unknowns, columns)
+    for k in range(remembered):
+        for c in range(columns):
+            matrix[k, c] = right[p.memory[k], c]
+    for s in range(states):
+        for c in range(columns):
+            matrix[remembered + s, c] = 0.0
+        for c in range(states):
+            matrix[remembered + s, remembered + c] = evolution[s, c]
+    # z' = E z - b feed (S0 w - S1 w_before)
+    if p.plain:
+        for s in range(states):
+            for a in range(unknowns):
+                by = depth * feed[s, a]
+                for c in range(columns):
+                    matrix[remembered + s, c] -= by * right[a, c]
+            for k in range(remembered):
+                matrix[remembered + s, k] += depth * feed[s, p.memory[k]]
+    else:
+        for s in range(states):
+            for a in range(unknowns):
+                by = depth * feed[s, a]
+                for b in range(unknowns):
+                    if p.now[a, b] != 0.0:
+                        for c in range(columns):
+                            matrix[remembered + s, c] -= by * p.now[a, b] * right[b, c]
+                for k in range(remembered):
+                    matrix[remembered + s, k] += by * p.before[a, k]
+
+
+@njit(cache=True)
+def _solve(left, right, n, columns):
+    """right becomes left^-1 right, by elimination with row pivots; left is lost."""
+    for k in range(n):
+        top = k
+        for i in range(k + 1, n):
+            if abs(left[i, k]) > abs(left[top, k]):
+                top = i
+        if top != k:
+            for j in range(k, n):
+                left[k, j], left[top, j] = left[top, j], left[k, j]
+            for j in range(columns):
+                right[k, j], right[top, j] = right[top, j], right[k, j]
+        pivot = left[k, k]
+        if pivot == 0.0:
+            pivot = 1e-300
+            left[k, k] = pivot
+        for i in range(k + 1, n):
+            share = left[i, k] / pivot
+            if share != 0.0:
+                for j in range(k + 1, n):
+                    left[i, j] -= share * left[k, j]
+                for j in range(columns):
+                    right[i, j] -= share * right[k, j]
+    for k in range(n - 1, -1, -1):
+        for i in range(k + 1, n):
+            share = left[k, i]
+            for j in range(columns):
+                right[k, j] -= share * right[i, j]
+        pivot = left[k, k]
+        for j in range(columns):
+            right[k, j] /= pivot
+
+
+@njit(cache=True)
+def _eigenvalues(a, n, real, imag):
+    """Eigenvalues of a real matrix, which is lost.   real, imag : (n,), filled"""
+    for m in range(1, n - 1):
+        pivot, top = 0.0, m
+        for i in range(m, n):
+            if abs(a[i, m - 1]) > abs(pivot):
+                pivot, top = a[i, m - 1], i
+        if top != m:
+            for j in range(m - 1, n):
+                a[top, j], a[m, j] = a[m, j], a[top, j]
+            for i in range(n):
+                a[i, top], a[i, m] = a[i, m], a[i, top]
+        if pivot != 0.0:
+            for i in range(m + 1, n):
+                share = a[i, m - 1]
+                if share != 0.0:
+                    share /= pivot
+                    a[i, m - 1] = 0.0
+                    for j in range(m, n):
+                        a[i, j] -= share * a[m, j]
+                    for k in range(n):
+                        a[k, m] += share * a[k, i]
+    for i in range(2, n):
+        for j in range(i - 1):
+            a[i, j] = 0.0
+    norm = 0.0
+    for i in range(n):
+        for j in range(max(i - 1, 0), n):
+            norm += abs(a[i, j])
+    high, shift, steps = n - 1, 0.0, 0
+    while high >= 0:
+        low = high
+        while low > 0:
+            size = abs(a[low - 1, low - 1]) + abs(a[low, low])
+            if size == 0.0:
+                size = norm
+            if abs(a[low, low - 1]) <= 2.3e-16 * size:
+                a[low, low - 1] = 0.0
+                break
+            low -= 1
+        x = a[high, high]
+        if low == high:
+            real[high], imag[high] = x + shift, 0.0
+            high -= 1
+            steps = 0
+            continue
+        y, w = a[high - 1, high - 1], a[high, high - 1] * a[high - 1, high]
+        if low == high - 1:
+            half = 0.5 * (y - x)
+            inside = half * half + w
+            root = math.sqrt(abs(inside))
+            x += shift
+            if inside >= 0.0:
+                root = half + (root if half >= 0.0 else -root)
+                real[high - 1] = real[high] = x + root
+                if root != 0.0:
+                    real[high] = x - w / root
+                imag[high - 1] = imag[high] = 0.0
+            else:
+                real[high - 1] = real[high] = x + half
+                imag[high - 1], imag[high] = root, -root
+            high -= 2
+            steps = 0
+            continue
+        if steps == MOST_STEPS:  # never seen; a multiplier that is not known must not count as stable
+            real[high], imag[high] = np.nan, 0.0
+            high -= 1
+            steps = 0
+            continue
+        if steps % 10 == 9:  # an odd shift now and then breaks a circle
+            shift += x
+            for i in range(high + 1):
+                a[i, i] -= x
+            size = abs(a[high, high - 1]) + abs(a[high - 1, high - 2])
+            x = y = 0.75 * size
+            w = -0.4375 * size * size
+        steps += 1
+        m = high - 2
+        while True:
+            z = a[m, m]
+            r, s = x - z, y - z
+            f = (r * s - w) / a[m + 1, m] + a[m, m + 1]
+            g = a[m + 1, m + 1] - z - r - s
+            h = a[m + 2, m + 1]
+            size = abs(f) + abs(g) + abs(h)
+            f, g, h = f / size, g / size, h / size
+            if m == low:
+                break
+            u = abs(a[m, m - 1]) * (abs(g) + abs(h))
+            v = abs(f) * (abs(a[m - 1, m - 1]) + abs(z) + abs(a[m + 1, m + 1]))
+            if u <= 2.3e-16 * v:
+                break
+            m -= 1
+        for i in range(m + 2, high + 1):
+            a[i, i - 2] = 0.0
+            if i != m + 2:
+                a[i, i - 3] = 0.0
+        for k in range(m, high):
+            if k != m:
+                f, g = a[k, k - 1], a[k + 1, k - 1]
+                h = a[k + 2, k - 1] if k != high - 1 else 0.0
+                x = abs(f) + abs(g) + abs(h)
+                if x != 0.0:
+                    f, g, h = f / x, g / x, h / x
+            s = math.sqrt(f * f + g * g + h * h)
+            if f < 0.0:
+                s = -s
+            if s == 0.0:
+                continue
+            if k == m:
+                if low != m:
+                    a[k, k - 1] = -a[k, k - 1]
+            else:
+                a[k, k - 1] = -s * x
+            f += s
+            x, y, z = f / s, g / s, h / s
+            g, h = g / f, h / f
+            for j in range(k, high + 1):
+                f = a[k, j] + g * a[k + 1, j]
+                if k != high - 1:
+                    f += h * a[k + 2, j]
+                    a[k + 2, j] -= f * z
+                a[k + 1, j] -= f * y
+                a[k, j] -= f * x
+            for i in range(low, min(high, k + 3) + 1):
+                f = x * a[i, k] + y * a[i, k + 1]
+                if k != high - 1:
+                    f += z * a[i, k + 2]
+                    a[i, k + 2] -= f * h
+                a[i, k + 1] -= f * g
+                a[i, k] -= f
+
+
+@njit(cache=True)
+def _room(p):
+    """Arrays for `_prepare` and `_monodromy`."""
+    unknowns, states, n, q = len(p.piece), 2 * len(p.pole), len(p.node), len(p.inner)
+    size = len(p.memory) + states
+    largest = max(size, unknowns)
+    return (
+        np.empty((unknowns, unknowns)),
+        np.empty((unknowns, states)),
+        np.empty((states, states)),
+        np.empty((states, unknowns)),
+        np.empty((n + 1, n), np.complex128),
+        np.empty(q, np.complex128),
+        np.empty((unknowns, unknowns)),
+        np.empty((unknowns, size)),
+        np.empty((size, size)),
+        np.empty(largest),
+        np.empty(largest),
+    )
+
+
+@njit(cache=True)
+def matrices(p, speed):
+    """Gamma, phi, evolution and feed of one speed, for those who solve in another way."""
+    gamma, phi, evolution, feed, block, power, _, _, _, _, _ = _room(p)
+    _prepare(p, speed, gamma, phi, evolution, feed, block, power)
+    return gamma, phi, evolution, feed
+
+
+@njit(cache=True)
+def multipliers_of(p, speed, depth):
+    """All multipliers of one point.   returns complex (k,)"""
+    gamma, phi, evolution, feed, block, power, left, right, matrix, real, imag = _room(p)
+    _prepare(p, speed, gamma, phi, evolution, feed, block, power)
+    _monodromy(p, depth, gamma, phi, evolution, feed, left, right, matrix)
+    n = matrix.shape[0]
+    _eigenvalues(matrix, n, real, imag)
+    found = np.empty(n, np.complex128)
+    for i in range(n):
+        found[i] = complex(real[i], imag[i])
+    return found
+
+
+@njit(cache=True)
+def radii(p, speed, depth, out):
+    """The largest |mu| of points of many speeds.   speed, depth, out : (point,)"""
+    gamma, phi, evolution, feed, block, power, left, right, matrix, real, imag = _room(p)
+    n = matrix.shape[0]
+    for i in range(len(speed)):
+        if i == 0 or speed[i] != speed[i - 1]:
+            _prepare(p, speed[i], gamma, phi, evolution, feed, block, power)
+        _monodromy(p, depth[i], gamma, phi, evolution, feed, left, right, matrix)
+        _eigenvalues(matrix, n, real, imag)
+        largest = 0.0
+        for k in range(n):
+            largest = max(largest, real[k] * real[k] + imag[k] * imag[k])
+            if math.isnan(real[k]):
+                largest = np.inf
+        out[i] = math.sqrt(largest)
