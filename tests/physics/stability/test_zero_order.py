@@ -3,20 +3,24 @@
 import numpy as np
 import pytest
 
+from millcal.physics.stability.regeneration import tip_of_modes, tip_of_residues, tip_of_shapes
 from millcal.physics.stability.zero_order import (
     absolute_minimum,
     directional_factors,
     directional_integrals,
     dynamics_of_lines,
     dynamics_of_modes,
+    dynamics_of_tip,
     limit,
     limit_along,
     limit_of_one_mode,
+    limits_of_draws,
+    limits_of_one_mode,
     mean_cutting_matrix,
     minimum_of_one_mode,
     oriented,
 )
-from millcal.physics.structure import Mode, receptance
+from millcal.physics.structure import Mode, modal_receptance, receptance
 
 RPM = 2 * np.pi / 60
 WECK = (Mode(603, 0.039, 5.59e6, "x"), Mode(666, 0.035, 5.715e6, "y"))
@@ -364,3 +368,62 @@ def test_maxima_found_only_roughly_leave_the_limit_as_it_is_and_the_minimum_to_a
     fine, rough = (oriented(dynamics, matrix, halvings=steps) for steps in (36, 8))
     np.testing.assert_allclose(limit_along(speeds, rough, 2).depth, limit_along(speeds, fine, 2).depth, rtol=1e-12)
     assert absolute_minimum(rough)[0] == pytest.approx(absolute_minimum(fine)[0], rel=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_draws_have_the_limits_of_each_structure_alone(seed):
+    modes, teeth, matrix, rpm = random_case(seed)
+    speeds = np.append(rpm, [50.0, 150.0]) * RPM
+    softer = [Mode(m.natural_frequency, m.damping_ratio, m.stiffness / 2, m.axis) for m in modes]
+    found = limits_of_draws(speeds, [tip_of_modes(modes), tip_of_modes(softer)], matrix, teeth)
+    alone = limit(speeds, dynamics_of_modes(modes, speeds, teeth), matrix, teeth).depth
+    np.testing.assert_allclose(found, [alone, alone / 2], rtol=1e-9)
+
+
+def test_one_structure_serves_all_draws_of_the_force():
+    speeds = np.linspace(4000, 15_000, 50) * RPM
+    matrices = np.array([cutting(7e8, 7e8 * ratio, 3, 0.2, "down") for ratio in (0.2, 0.3, 0.5)])
+    found = limits_of_draws(speeds, [tip_of_modes(WECK)], matrices, 3)
+    for depth, matrix in zip(found, matrices, strict=True):
+        np.testing.assert_allclose(depth, limit(speeds, dynamics_of_modes(WECK, speeds, 3), matrix, 3).depth, rtol=1e-9)
+
+
+def test_many_single_modes_have_the_limits_of_each_along_its_own_direction():
+    """A mode at an angle is one along x for the force and the chip of that direction, A = u^T Q u."""
+    matrix, speeds = cutting(8e8, 3e8, 3, 0.3, "up"), np.geomspace(100, 40_000, 200) * RPM
+    frequency, damping, angle = np.array([300.0, 480.0, 900.0]), np.array([0.01, 0.03, 0.6]), np.array([0.0, 0.7, 2.0])
+    direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    shape = 2 * np.pi * frequency[:, None] / np.sqrt(6e6) * direction
+    tips = [tip_of_shapes([f], [z], p[None]) for f, z, p in zip(frequency, damping, shape, strict=True)]
+    along = np.einsum("ni,ij,nj->n", direction, matrix, direction)
+    slow = [
+        limit_of_one_mode(speeds, Mode(f, z, 6e6, "x"), np.diag([a, 0.0]), 3).depth
+        for f, z, a in zip(frequency, damping, along, strict=True)
+    ]
+    np.testing.assert_allclose(limits_of_draws(speeds, tips, matrix, 3), slow, rtol=1e-11)
+    np.testing.assert_allclose(limits_of_one_mode(speeds, frequency, damping, 6e6, along, 3), slow, rtol=1e-12)
+    general = [limit(speeds, dynamics_of_tip(tip, speeds, 3), matrix, 3).depth for tip in tips]
+    np.testing.assert_allclose(general, slow, rtol=1e-8)
+
+
+def test_complex_modes_and_a_remainder_have_the_limits_of_their_lines():
+    """Poles with complex residues, a flexibility and a free mass below them: compiled against a spline through close lines."""
+    natural, damping = np.array([456.0, 1450.0]), np.array([0.08, 0.02])
+    residue = np.array([[[1, 0.2j], [0.1, 0.8 - 0.1j]], [[0.6, -0.3], [-0.2 + 0.1j, 0.9]]]) * -2e-4j
+    flexibility, mass = np.diag([4e-9, 6e-9]), np.diag([0.02, 0.03])
+    frequency = np.arange(60.0, 5000.0, 0.5)
+    values = modal_receptance(frequency, natural, damping, residue, np.stack([mass, flexibility]), (-2, 0))
+    matrix, speeds = cutting(9e8, 3e8, 3, 0.4, "down"), np.linspace(3000, 15_000, 40) * RPM
+    tip = tip_of_residues(natural, damping, residue, flexibility)
+    found = limits_of_draws(
+        speeds, [tip], matrix, 3, remainder=mass[None], remainder_power=(-2,), band=(frequency[0], frequency[-1])
+    )
+    np.testing.assert_allclose(
+        found[0], limit(speeds, dynamics_of_lines(frequency, values), matrix, 3).depth, rtol=1e-5
+    )
+
+
+def test_draws_of_what_nothing_excites_have_no_limit():
+    speeds = np.array([100.0, 500.0])
+    for modes in (WECK, WECK[:1]):
+        assert np.all(np.isinf(limits_of_draws(speeds, [tip_of_modes(modes)], np.zeros((2, 2)), 2)))
