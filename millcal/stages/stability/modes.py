@@ -8,15 +8,20 @@ What a fit knows about its errors are deviations, rows whose product deviation^T
 frequencies, damping ratios and residues together. A draw is the fit plus their sum, each by a normal number, all of them
 stretched by one root of dof / chi^2 (Student's t): the limit is solved for each draw anew, so that corners between lobes
 and pairs of close modes are as likely as they are.
+
+Methods that follow the motion in time need poles and nothing else. There the remainder of the modes above the band is a
+flexibility; that of the modes below, an inertia line, becomes one heavily damped mode below the band where it is not small.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 
 from millcal.data import ModalFit, Modes, Notice
 from millcal.physics import structure
-from millcal.physics.stability import zero_order
+from millcal.physics.stability import regeneration, zero_order
+from millcal.physics.stability.regeneration import TipModes
 from millcal.stages.stability.tip import (
     Lines,
     Solver,
@@ -33,6 +38,10 @@ LEAST_DAMPING = 0.05  # share of its damping that a mode keeps in any draw
 SMOOTHED = 9  # lines over which the misfit is averaged
 APART = 8  # lines after which noise is another, however many zeros were added to the records
 ALIKE = 0.5  # correlation of the misfit with itself so far away, from which on it is no noise
+SMALL = 0.003  # share of the receptance at every resonance below which a remainder is left out
+RANK = 1e-4  # of a residue's larger shape: a second one below that is noise
+BELOW = 5.0  # times below the lowest frequency of the band: where a mode stands for an inertia line,
+HEAVY = 0.7  # its damping ratio: far from ringing, and a hundredth of itself off from three times the band's lowest frequency on
 MISSED = 0.02  # share of a driving point that a model may miss before it is told
 
 
@@ -49,8 +58,7 @@ def tip_of_modes(record: Modes, speeds: np.ndarray, teeth: int, rigid: str) -> T
 
 
 def _by_hand(record: Modes, speeds: np.ndarray, teeth: int, rigid: str) -> Tip:
-    columns = (record.natural_frequency, record.damping_ratio, record.stiffness, record.axes)
-    modes = [structure.Mode(float(f), float(z), float(k), axis) for f, z, k, axis in zip(*columns, strict=True)]
+    modes = _modes(record)
     notices = missing_axes({mode.axis for mode in modes}, rigid, "modes")
     modes = [mode for mode in modes if mode.axis in ("x", "y")]
     if len(modes) == 1:
@@ -67,18 +75,69 @@ def _by_hand(record: Modes, speeds: np.ndarray, teeth: int, rigid: str) -> Tip:
     )
 
 
-def _fitted(record: Modes, fit: ModalFit, speeds: np.ndarray, teeth: int, rigid: str) -> Tip:
+def _modes(record: Modes) -> list[structure.Mode]:
+    columns = (record.natural_frequency, record.damping_ratio, record.stiffness, record.axes)
+    return [structure.Mode(float(f), float(z), float(k), axis) for f, z, k, axis in zip(*columns, strict=True)]
+
+
+class _Fitted(NamedTuple):
+    """What a fit knows of the tip: residues and remainder in x and y, and their errors along the deviations."""
+
+    places: dict[str, tuple[int, int]]
+    point: str
+    natural: np.ndarray  # (mode,) Hz
+    damping: np.ndarray  # (mode,)
+    residue: np.ndarray  # complex (mode, 2, 2) s/kg
+    remainder: np.ndarray  # (remainder, 2, 2)
+    moved: np.ndarray  # of the residue, complex (deviation, mode, 2, 2)
+    unmeasured: bool  # cross receptances, taken as zero
+    known_errors: bool
+
+
+def _at_the_tip(record: Modes, fit: ModalFit) -> _Fitted:
     point, places = driving_points(fit.outputs, fit.inputs, "modes")
-    where = f"modes {point}"
-    notices = missing_axes(set(places), rigid, where)
     residue, remainder = (at_tip(values, places, fit.outputs, fit.inputs) for values in (fit.residue, fit.remainder))
     unmeasured = ~(np.isfinite(residue).all(axis=0) & np.isfinite(remainder).all(axis=0))
-    if unmeasured.any():
+    residue[:, unmeasured], remainder[:, unmeasured] = 0.0, 0.0
+    moved = np.where(unmeasured, 0.0, at_tip(fit.residue_deviation, places, fit.outputs, fit.inputs))
+    known = fit.interval_from != "none" and len(moved) > 0 and fit.dof > 0
+    known &= all(np.isfinite(part).all() for part in (fit.frequency_deviation, fit.damping_deviation, moved))
+    return _Fitted(
+        places,
+        point,
+        record.natural_frequency,
+        record.damping_ratio,
+        residue,
+        remainder,
+        moved,
+        unmeasured.any(),
+        known,
+    )
+
+
+def _drawn(
+    fitted: _Fitted, fit: ModalFit, rng: np.random.Generator, n: int
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Frequencies, damping ratios and residues as they may be."""
+    numbers = rng.standard_normal((n, len(fitted.moved)))
+    if np.isfinite(fit.dof):
+        numbers *= np.sqrt(fit.dof / rng.chisquare(fit.dof, size=(n, 1)))
+    natural, damping = fitted.natural, fitted.damping
+    for z in numbers:
+        frequency = np.maximum(natural + z @ fit.frequency_deviation, 0.5 * natural)
+        ratio = np.clip(damping + z @ fit.damping_deviation, LEAST_DAMPING * damping, 0.99)
+        yield frequency, ratio, fitted.residue + np.tensordot(z, fitted.moved, 1)
+
+
+def _fitted(record: Modes, fit: ModalFit, speeds: np.ndarray, teeth: int, rigid: str) -> Tip:
+    fitted = _at_the_tip(record, fit)
+    point, places, natural, remainder = fitted.point, fitted.places, fitted.natural, fitted.remainder
+    where = f"modes {point}"
+    notices = missing_axes(set(places), rigid, where)
+    if fitted.unmeasured:
         notices.append(
             Notice("cross-terms", "cross receptances that were not measured are taken as zero", where, "note")
         )
-        residue[:, unmeasured], remainder[:, unmeasured] = 0.0, 0.0
-    natural, damping = record.natural_frequency, record.damping_ratio
 
     def dynamics(natural: np.ndarray, damping: np.ndarray, residue: np.ndarray) -> zero_order.Dynamics:
         def at(frequency: np.ndarray) -> np.ndarray:
@@ -95,31 +154,20 @@ def _fitted(record: Modes, fit: ModalFit, speeds: np.ndarray, teeth: int, rigid:
             what = f"below {known:.0f} Hz the fit is noise, so chatter there is not looked for"
             notices.append(Notice("low-frequency-noise", what, where, "note"))
         band = (known if known > low else max(low, fit.frequency[fit.frequency > 0].min()) / BEYOND, high * BEYOND)
-    tip = dynamics(natural, damping, residue)
+    tip = dynamics(natural, fitted.damping, fitted.residue)
     inside = (tip.grid >= low) & (tip.grid <= high)
     notices += absorbs_power(Lines(tip.grid[inside], tip.on_grid[inside], None, ()), places, "modes", point)
 
     notices += _missed(fit, places, point)
 
-    deviations = (fit.frequency_deviation, fit.damping_deviation)
-    moved = at_tip(fit.residue_deviation, places, fit.outputs, fit.inputs)
-    moved = np.where(unmeasured, 0.0, moved)
-
     def draws(rng: np.random.Generator, n: int) -> Iterator[Solver]:
-        numbers = rng.standard_normal((n, len(moved)))
-        if np.isfinite(fit.dof):
-            numbers *= np.sqrt(fit.dof / rng.chisquare(fit.dof, size=(n, 1)))
-        for z in numbers:
-            frequency = np.maximum(natural + z @ deviations[0], 0.5 * natural)
-            ratio = np.clip(damping + z @ deviations[1], LEAST_DAMPING * damping, 0.99)
-            drawn = dynamics(frequency, ratio, residue + np.tensordot(z, moved, 1))
+        for parts in _drawn(fitted, fit, rng, n):
+            drawn = dynamics(*parts)
             yield lambda speed, cutting, drawn=drawn: zero_order.limit_along(
                 speed, zero_order.oriented(drawn, cutting, halvings=8), teeth
             )
 
-    known_errors = fit.interval_from != "none" and len(moved) > 0 and fit.dof > 0
-    known_errors &= all(np.isfinite(part).all() for part in (*deviations, moved))
-    if not known_errors:
+    if not fitted.known_errors:
         notices.append(Notice("no-band", "the modes carry no interval, so the limit has no band from them", where))
     return Tip(
         solve=lambda speed, cutting: zero_order.limit(speed, tip, cutting, teeth),
@@ -127,8 +175,73 @@ def _fitted(record: Modes, fit: ModalFit, speeds: np.ndarray, teeth: int, rigid:
         notices=tuple(notices),
         band=(float(tip.grid[0]), float(tip.grid[-1])) if limited else None,
         band_of="the band of the modal fit and a little beyond",
-        draws=draws if known_errors else None,
+        draws=draws if fitted.known_errors else None,
     )
+
+
+class Poles(NamedTuple):
+    """The tip for methods that follow its motion, and draws of it where a fit knows its errors."""
+
+    tip: TipModes
+    notices: tuple[Notice, ...]
+    draws: Callable[[np.random.Generator, int], Iterator[TipModes]] | None
+
+
+def poles_of_modes(record: Modes) -> Poles:
+    """Poles, shapes and flexibility of the tip in x and y; what `tip_of_modes` tells of the modes is not told again."""
+    if record.fit is None:
+        modes, notices = _modes(record), []
+        if axial := [mode for mode in modes if mode.axis == "z"]:
+            what = f"{len(axial)} of the modes move along z, where a stability limit in x and y does not look"
+            notices.append(Notice("axial-modes", what, "modes", "note"))
+        return Poles(regeneration.tip_of_modes(modes), tuple(notices), None)
+    fit = record.fit
+    fitted = _at_the_tip(record, fit)
+    flexibility, line, notices = _beyond_the_band(fitted, fit)
+
+    def tip(natural: np.ndarray, damping: np.ndarray, residue: np.ndarray) -> TipModes:
+        parts = ([natural, line[0]], [damping, line[1]], [residue, line[2]])
+        return regeneration.tip_of_residues(*(np.concatenate(part) for part in parts), flexibility, negligible=RANK)
+
+    def draws(rng: np.random.Generator, n: int) -> Iterator[TipModes]:
+        for parts in _drawn(fitted, fit, rng, n):
+            yield tip(*parts)
+
+    return Poles(
+        tip(fitted.natural, fitted.damping, fitted.residue), tuple(notices), draws if fitted.known_errors else None
+    )
+
+
+def _beyond_the_band(
+    fitted: _Fitted, fit: ModalFit
+) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray], list[Notice]]:
+    """What the remainder becomes where only poles count.   returns flexibility, a mode (none or one of each), notices"""
+    where, flexibility = f"modes {fitted.point}", np.zeros((2, 2))
+    line = (np.empty(0), np.empty(0), np.empty((0, 2, 2), complex))
+    notices = []
+    whole = structure.modal_receptance(
+        fitted.natural, fitted.natural, fitted.damping, fitted.residue, fitted.remainder, fit.remainder_power
+    )
+    peak = np.abs(whole).max(axis=(1, 2))
+    for power, term in zip(fit.remainder_power.astype(int), fitted.remainder, strict=True):
+        share = float(np.max(np.abs(term).max() * (2 * np.pi * fitted.natural) ** power / peak))
+        if power == 0:
+            flexibility = np.real(term)
+        elif power == -2 and share > SMALL:
+            size, shape = np.linalg.eigh((term + term.T).real / 2)
+            mass = (shape * np.maximum(size, 0.0)) @ shape.T  # its inverse; what would give power back is noise
+            lowest = max(fit.band[0], fit.frequency[fit.frequency > 0].min()) / BELOW
+            damped = 2 * np.pi * lowest * np.sqrt(1 - HEAVY**2)
+            line = (np.array([lowest]), np.array([HEAVY]), mass[np.newaxis] / (2j * damped))
+            what = (
+                f"what moves below the band of the fit, {share:.1%} of the receptance at a resonance, is taken as one mode at "
+                f"{lowest:.0f} Hz; chatter slower than {BELOW * lowest:.0f} Hz stands on that alone"
+            )
+            notices.append(Notice("modes-below", what, where, "note"))
+        elif share > SMALL:
+            what = f"the fit's remainder with s^{power}, {share:.1%} of the receptance at a resonance, is left out"
+            notices.append(Notice("remainder-left-out", what, where))
+    return flexibility, line, notices
 
 
 def _missed(fit: ModalFit, places: dict[str, tuple[int, int]], point: str) -> list[Notice]:
