@@ -63,6 +63,7 @@ def keep_and_reply(
     seed: int = 0,
     more: Mapping[str, tuple[Path, bytes]] | None = None,
     text: str | None = None,
+    told: Mapping[str, Any] | None = None,
     as_json: bool,
     quiet: bool,
 ) -> None:
@@ -70,6 +71,7 @@ def keep_and_reply(
 
     read : the files it was made of   notices : all of the command, those of the record among them
     more : files to write beside it, what it is -> (where, what it holds)   text : in place of the record's own
+    told : what the JSON says beside the record
     """
     from millcal.io.provenance import provenance
     from millcal.io.readable import text_of
@@ -86,7 +88,7 @@ def keep_and_reply(
     reply(
         command,
         "\n".join([text_of(record) if text is None else text, *(f"{what}: {path}" for what, path in written.items())]),
-        {**summarise(record), "output": str(output), **written},
+        {**summarise(record), **(told or {}), "output": str(output), **written},
         inputs=origin["inputs"],
         notices=notices,
         as_json=as_json,

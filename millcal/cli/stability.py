@@ -6,8 +6,9 @@ from typing import Annotated, Any
 import typer
 
 from millcal.cli.speak import Json, Quiet, Seed, check_choice, check_files, keep_and_reply, progress_bar
+from millcal.cli.stability_input import METHODS, geometry, one_of, read_cutting, read_dynamics, together, why_not
 
-METHODS = ("zoa",)  # those of the stage, which --help must not import; a test keeps them equal
+FIGURES = (".png", ".svg", ".pdf")
 
 
 def stability(
@@ -15,6 +16,10 @@ def stability(
     coefficients: Annotated[Path | None, typer.Option("--coefficients", help="Result of `millcal identify`.")] = None,
     ktc: Annotated[float | None, typer.Option("--ktc", help="Ktc in N/mm2, instead of --coefficients.")] = None,
     krc: Annotated[float | None, typer.Option("--krc", help="Krc in N/mm2, instead of --coefficients.")] = None,
+    kte: Annotated[
+        float | None, typer.Option("--kte", help="Kte in N/mm, for torque and power; default: the coefficients'.")
+    ] = None,
+    kre: Annotated[float | None, typer.Option("--kre", help="Kre in N/mm, with --kte.")] = None,
     frf: Annotated[
         Path | None, typer.Option("--frf", help="FRF at the tool tip: of `millcal frf`, UFF, CutPro, CSV.")
     ] = None,
@@ -22,7 +27,17 @@ def stability(
     setup: Annotated[
         Path | None, typer.Option("--setup", help="SETUP.toml with [cutter], [conditions], and [structure] if no FRF.")
     ] = None,
-    method: Annotated[str, typer.Option("--method", help="zoa: zero-order approximation.")] = "zoa",
+    method: Annotated[
+        str,
+        typer.Option(
+            "--method",
+            help="zoa (default): zero-order approximation, no flip lobes. Right at low immersion: floquet, of modes; frf, of an "
+            "FRF as measured; time-domain, of modes, with teeth that leave the cut.",
+        ),
+    ] = "zoa",
+    compare: Annotated[
+        bool, typer.Option("--compare", help="Print every method that applies side by side; takes --frf and --modes.")
+    ] = False,
     rpm: Annotated[
         tuple[float, float] | None,
         typer.Option(
@@ -32,19 +47,50 @@ def stability(
     points: Annotated[
         int | None, typer.Option("--points", min=2, help="Speeds of the map; default: at a round step, 400 or more.")
     ] = None,
+    deepest_mm: Annotated[
+        float | None, typer.Option("--deepest-mm", help="How deep to look (not zoa); default: by the map itself.")
+    ] = None,
     teeth: Annotated[int | None, typer.Option("--teeth", min=1, help="Default: the cutter's.")] = None,
     diameter_mm: Annotated[float | None, typer.Option("--diameter-mm", help="Default: the cutter's.")] = None,
+    helix_deg: Annotated[
+        float | None, typer.Option("--helix-deg", min=-89, max=89, help="Default: the cutter's, else 0.")
+    ] = None,
+    pitch_deg: Annotated[
+        str | None, typer.Option("--pitch-deg", metavar="A,B,...", help="Angle from each tooth to the next.")
+    ] = None,
     radial_depth_mm: Annotated[float | None, typer.Option("--radial-depth-mm", help="Default: the cuts'.")] = None,
     direction: Annotated[str | None, typer.Option("--direction", help="up, down or slot; default: the cuts'.")] = None,
     feed_per_tooth_mm: Annotated[
         float | None, typer.Option("--feed-per-tooth-mm", help="Default: the highest of the cuts.")
     ] = None,
+    damping: Annotated[
+        float,
+        typer.Option(
+            "--process-damping", metavar="N_PER_MM", min=0, help="Indentation constant of process damping, N/mm."
+        ),
+    ] = 0.0,
+    friction: Annotated[float, typer.Option("--friction", min=0, help="Of the flank, with --process-damping.")] = 0.3,
     operating: Annotated[
         tuple[float, float] | None,
         typer.Option("--operating", metavar="RPM AP_MM", help="A cut to judge; default: the cuts', where they agree."),
     ] = None,
     rigid: Annotated[str, typer.Option("--rigid", help="x or y: nothing is known along it but that it is rigid.")] = "",
-    members: Annotated[int, typer.Option("--members", min=0, help="Draws for the band; 0: no band.")] = 2000,
+    members: Annotated[
+        int, typer.Option("--members", "--samples", min=0, help="Draws for band and probabilities; 0: none.")
+    ] = 2000,
+    probability: Annotated[
+        bool, typer.Option("--probability", help="Map of the probability that a cut is stable, by speed and depth.")
+    ] = False,
+    tests: Annotated[
+        Path | None,
+        typer.Option("--tests", help="Cuts log (CSV) of cuts judged stable or not, to hold against the map."),
+    ] = None,
+    simulate: Annotated[
+        tuple[int, int] | None,
+        typer.Option("--simulate-points", metavar="SPEEDS DEPTHS", help="Cuts in the time domain on such a grid."),
+    ] = None,
+    table: Annotated[Path | None, typer.Option("--csv", help="Table of the lobes to write.")] = None,
+    figure: Annotated[Path | None, typer.Option("--figure", help="Figure to write, .png, .svg or .pdf.")] = None,
     as_json: Json = False,
     quiet: Quiet = False,
     seed: Seed = 0,
@@ -52,27 +98,51 @@ def stability(
     """Limit depth against spindle speed from coefficients and an FRF or modes, with the best stable speeds.
 
     Example: millcal stability --coefficients coefficients.h5 --frf frf.h5 --rpm 4000 16000 -o map.h5
+
+    Example: millcal stability --coefficients coefficients.h5 --modes modes.h5 --method floquet --probability -o map.h5
     """
-    _one_of({"--coefficients": coefficients, "--ktc with --krc": ktc})
-    _one_of(
-        {"--frf": frf, "--modes": modes, "--setup with [structure]": setup if frf is None and modes is None else None}
-    )
-    if (ktc is None) != (krc is None):
-        raise typer.BadParameter("--ktc and --krc go together")
+    one_of({"--coefficients": coefficients, "--ktc with --krc": ktc})
+    together({"--ktc": ktc, "--krc": krc})
+    together({"--kte": kte, "--kre": kre})
+    if not (compare and frf is not None and modes is not None):
+        said = setup if frf is None and modes is None else None
+        one_of({"--frf": frf, "--modes": modes, "--setup with [structure]": said})
     check_choice("--method", method, METHODS)
     check_choice("--direction", direction, (None, "up", "down", "slot"))
     check_choice("--rigid", rigid, ("", "x", "y"))
-
-    check_files([coefficients, frf, modes, setup], [output])
+    for option, value in {
+        "--deepest-mm": deepest_mm,
+        "--diameter-mm": diameter_mm,
+        "--radial-depth-mm": radial_depth_mm,
+        "--feed-per-tooth-mm": feed_per_tooth_mm,
+    }.items():
+        if value is not None and not value > 0:
+            raise typer.BadParameter(f"{value:g} is not above 0", param_hint=option)
+    if simulate is not None and min(simulate) < 1:
+        raise typer.BadParameter("give at least one speed and one depth", param_hint="--simulate-points")
+    if simulate is not None and frf is not None and modes is None:
+        raise typer.BadParameter("the time domain needs modes; give --modes", param_hint="--simulate-points")
+    if probability and members < 2:
+        raise typer.BadParameter("needs draws; leave --members out", param_hint="--probability")
+    if figure is not None and figure.suffix.lower() not in FIGURES:
+        raise typer.BadParameter(
+            f"{figure} does not say its format; end it with {', '.join(FIGURES)}", param_hint="--figure"
+        )
+    read = [coefficients, frf, modes, setup, tests]
+    check_files(read, [output, table, figure])
     import numpy as np
 
-    from millcal.stages.stability import map_stability
     from millcal.units import from_shop
 
-    cutter, cuts, posterior, notices = _cutting(coefficients, ktc, krc, setup)
-    dynamics = _dynamics(frf, modes, setup)
+    cutter, cuts, posterior, notices = read_cutting(coefficients, ktc, krc, setup)
+    cutting = geometry(cutter, teeth, diameter_mm, helix_deg, pitch_deg)
+    of_method = {"helix": cutting["helix"], "pitch": cutting["pitch"], "damping": damping}
+    reason = why_not(method, frf=frf is not None, modes=frf is None or modes is not None, **of_method)
+    if reason:
+        raise typer.BadParameter(reason, param_hint="--method")
+    lines, fitted = read_dynamics(frf, modes, setup)
     if frf is not None and frf.suffix.lower() not in (".h5", ".hdf5"):  # what millcal itself found was told when it did
-        notices += dynamics.notices
+        notices += lines.notices
 
     def known(option: float | str | None, key: str, field: str) -> Any:
         """A condition: as the option says, else as all cuts have it."""
@@ -84,8 +154,6 @@ def stability(
             raise typer.BadParameter(f"--{key.replace('_', '-')} is needed, because {why}")
         return values.pop()
 
-    if cutter is None and (teeth is None or diameter_mm is None):
-        raise typer.BadParameter("--teeth and --diameter-mm are needed, because no cutter is given")
     slot = direction == "slot"
     speeds = {cut.spindle_speed for cut in cuts}
     if rpm is None and len(speeds) != 1:
@@ -97,82 +165,88 @@ def stability(
     if point is None and len(at := {(cut.spindle_speed, cut.axial_depth) for cut in cuts}) == 1:
         point = at.pop()
     feed = max((cut.feed_per_tooth for cut in cuts), default=None)
+    asked = {
+        **cutting,
+        "radial_depth": cutting["diameter"] if slot else known(radial_depth_mm, "radial_depth_mm", "radial_depth"),
+        "direction": known(direction, "direction", "direction"),
+        "feed_per_tooth": feed if feed_per_tooth_mm is None else from_shop(feed_per_tooth_mm, "feed_per_tooth_mm"),
+        "spindle_speed": (from_shop(low, "x_rpm"), from_shop(high, "x_rpm")),
+        "points": points or _round_points(low, high),
+        "deepest": None if deepest_mm is None else from_shop(deepest_mm, "deepest_mm"),
+        "indentation": from_shop(damping, "x_N_per_mm"),
+        "indentation_friction": friction,
+        "edge": None if kte is None else (from_shop(kte, "Kte_N_per_mm"), from_shop(kre, "Kre_N_per_mm")),
+        "rigid": rigid,
+    }
+    made = None
+    if tests is not None:
+        from millcal.io.cuts_log import cuts_on_map, read_cuts_log
 
+        where = {"radial_depth": asked["radial_depth"], "direction": asked["direction"]}
+        made, told = cuts_on_map(read_cuts_log(tests), tests, **where)
+        notices += told
     with progress_bar(quiet) as progress:
+        from millcal.stages.stability import map_stability
+
+        share = 0.5 if compare else 1.0
         found = map_stability(
-            dynamics,
+            fitted if lines is None or (fitted is not None and method in ("floquet", "time-domain")) else lines,
             posterior,
-            teeth=teeth or cutter.teeth,
-            diameter=cutter.diameter if diameter_mm is None else from_shop(diameter_mm, "diameter_mm"),
-            pitch=None if cutter is None else cutter.pitch,
-            radial_depth=None if slot else known(radial_depth_mm, "radial_depth_mm", "radial_depth"),
-            direction=known(direction, "direction", "direction"),
-            feed_per_tooth=feed if feed_per_tooth_mm is None else from_shop(feed_per_tooth_mm, "feed_per_tooth_mm"),
-            spindle_speed=(from_shop(low, "x_rpm"), from_shop(high, "x_rpm")),
-            points=points or _round_points(low, high),
-            rigid=rigid,
+            **asked,
             method=method,
             members=members,
+            probability=probability,
             operating_point=point,
+            tests=made,
+            simulate=simulate,
             rng=np.random.default_rng(seed),
-            progress=progress,
+            progress=lambda done, label: progress(share * done, label),
         )
+        others: list = []
+        if compare:
+            from millcal.cli.stability_compare import other_maps
+
+            others, left_out = other_maps(
+                found, lines, fitted, posterior, asked, of_method, lambda done, label: progress(0.5 + 0.5 * done, label)
+            )
+            notices += left_out
     keep_and_reply(
         "stability",
         found,
         output,
-        read=[coefficients, frf, modes, setup],
+        read=read,
         notices=[*notices, *found.notices],
         seed=seed,
+        more=_drawn(found, others, table, figure),
+        **_compared(found, others),
         as_json=as_json,
         quiet=quiet,
     )
 
 
-def _one_of(options: dict[str, Any]) -> None:
-    given = [name for name, value in options.items() if value is not None]
-    if len(given) != 1:
-        names = " or ".join(options)
-        raise typer.BadParameter(f"{' and '.join(given)} exclude each other" if given else f"give {names}")
+def _compared(found: Any, others: list) -> dict[str, Any]:
+    """What is told beside the map where methods stand side by side."""
+    if not others:
+        return {}
+    from millcal.io.readable import text_of
+    from millcal.io.stability_readable import compared_text
+    from millcal.io.stability_summary import compared
+
+    maps = [found, *others]
+    coarsest = min((one.spindle_speed for one in maps), key=len)
+    return {"told": {"compared": compared(maps, coarsest)}, "text": f"{text_of(found)}\n\n{compared_text(maps)}"}
 
 
-def _cutting(coefficients: Path | None, ktc: float | None, krc: float | None, setup: Path | None) -> tuple:
-    """Cutter, conditions of the cuts, coefficients and notices; the setup goes before the file of coefficients."""
-    from millcal.data import CoefficientHistory, Coefficients, Notice
-    from millcal.io.recipes import read_setup
-    from millcal.io.results import read_result
-    from millcal.units import from_shop
+def _drawn(found: Any, others: list, table: Path | None, figure: Path | None) -> dict[str, tuple[Path, bytes]]:
+    """What is written of the map besides its record."""
+    from millcal.io.stability_table import stability_table
 
-    cutter, cuts, notices = None, (), []
-    if coefficients is None:
-        posterior = (from_shop(ktc, "Ktc_N_per_mm2"), from_shop(krc, "Krc_N_per_mm2"))
-    else:
-        fit = read_result(coefficients, (Coefficients, CoefficientHistory))
-        posterior, cutter, cuts = fit.posterior, fit.cutter, fit.conditions
-        if fit.verdict != "fits":
-            notices.append(Notice("coefficients-doubtful", f"the coefficients: {fit.verdict}", str(coefficients)))
-    if setup is not None:
-        said = read_setup(setup)
-        cutter, cuts = said.cutter or cutter, cuts if said.conditions is None else (said.conditions,)
-    return cutter, cuts, posterior, notices
+    files = {} if table is None else {"csv": (table, stability_table(found).encode())}
+    if figure is not None:
+        from millcal.report.paper.stability import stability_file
 
-
-def _dynamics(frf: Path | None, modes: Path | None, setup: Path | None) -> Any:
-    """The FRF or the modes, from whichever file holds them."""
-    from millcal.data import Modes
-    from millcal.errors import RecipeError
-    from millcal.io.frf_files import read_frf
-    from millcal.io.recipes import read_setup
-    from millcal.io.results import read_result
-
-    if frf is not None:
-        return read_frf(frf)
-    if modes is not None:
-        return read_result(modes, Modes)
-    found = read_setup(setup).modes
-    if found is None:
-        raise RecipeError(f"{setup}: no dynamics; add [[structure.modes]], or give --frf or --modes")
-    return found
+        files["figure"] = (figure, stability_file(found, figure.suffix[1:].lower(), others=others))
+    return files
 
 
 def _round_points(low: float, high: float) -> int:
