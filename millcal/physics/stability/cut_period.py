@@ -207,7 +207,7 @@ def unknowns_of(pieces: Pieces, tip: TipModes, cut: Regeneration, depth: float, 
     piece, index, row, column, rubbing = (np.array(part) for part in zip(*parts, strict=True))
     now, before = np.eye(len(parts)), np.zeros((len(parts), len(parts)))
     if apart:
-        now, before = _waves_between_nodes(pieces, cut, node, blocks, waves, (piece, index, rubbing))
+        now, before = _waves_between_nodes(pieces, cut, node, blocks, waves, (piece, rubbing))
     elif cut.equal_pitch:
         before[~rubbing, ~rubbing] = 1.0
     else:  # the nodes of every tooth stand at the same angles: its wave is that of the piece before
@@ -225,10 +225,10 @@ def _waves_between_nodes(
     node: np.ndarray,
     blocks: list[tuple[int, np.ndarray]],
     waves: list[tuple[int, float, int, np.ndarray]],
-    where: tuple[np.ndarray, np.ndarray, np.ndarray],
+    where: tuple[np.ndarray, np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray]:
     """S0 and S1 where every tooth has its own delay: the wave is read from the polynomial of the piece that made it."""
-    piece, index, rubbing = where
+    piece, rubbing = where
     size = len(blocks[0][1])
     now, before = np.zeros((len(piece), len(piece))), np.zeros((len(piece), len(piece)))
     for first, block in blocks:

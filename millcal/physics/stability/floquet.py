@@ -59,8 +59,8 @@ def order_of(
     if np.any(order > HIGHEST_ORDER):
         slowest = float(speed.flat[int(np.argmax(order))]) * 60 / (2 * math.pi)
         raise IllPosedError(
-            f"stability.rpm: at {slowest:.0f} rpm a tooth cuts through {waves.max() / 6.3:.0f} waves of the highest mode, too many for "
-            "floquet; begin the map at a higher speed, or use zoa, which is good where so many lobes crowd"
+            f"stability.rpm: at {slowest:.0f} rpm a tooth cuts through {waves.max() / 6.3:.0f} waves of the highest mode, "
+            "too many for floquet; begin the map at a higher speed, or use zoa, which is good where so many lobes crowd"
         )
     return np.maximum(order, 3)
 
@@ -156,3 +156,124 @@ def _grouped(
         for b in np.unique(depth[chosen]):
             those = chosen[depth[chosen] == b]
             run(problem_of(tip, cut, float(b), int(n)), those, np.full(len(those), 1.0 if b else 0.0))
+
+
+def radius_map(
+    spindle_speed: np.ndarray,
+    depth: np.ndarray,
+    tip: TipModes,
+    cut: Regeneration,
+    *,
+    order: int | None = None,
+    tolerance: float = TOLERANCE,
+) -> np.ndarray:
+    """The largest |mu| on a grid; each speed is prepared once.   spindle_speed : (s,)   depth : (d,)   returns (d, s)"""
+    speed, depth = np.asarray(spindle_speed, float), np.asarray(depth, float)
+    if order is None and not cut.wind:  # one order for a speed, so that all its depths share what was prepared
+        orders = order_of(speed, float(depth.max()), tip, cut, tolerance)
+        found = np.empty((len(speed), len(depth)))
+        for n in np.unique(orders):
+            those = speed[orders == n]
+            points = np.repeat(those, len(depth)), np.tile(depth, len(those))
+            found[orders == n] = spectral_radius(*points, tip, cut, order=int(n)).reshape(len(those), len(depth))
+        return found.T
+    points = np.repeat(speed, len(depth)), np.tile(depth, len(speed))
+    return spectral_radius(*points, tip, cut, order=order, tolerance=tolerance).reshape(len(speed), len(depth)).T
+
+
+def flip_depths(
+    spindle_speed: float, tip: TipModes, cut: Regeneration, *, deepest: float, order: int | None = None
+) -> np.ndarray:
+    """All depths at which a multiplier is -1 (period doubling), from one eigenvalue problem.   returns (k,) m, ascending
+
+    raises ValueError with a helix, whose matrix depends on the depth
+    """
+    speed = np.array([float(spindle_speed)])
+    orders = np.array([order]) if order else order_of(speed, deepest, tip, cut)
+    return _flips(speed, tip, cut, deepest, orders)[1]
+
+
+def _flips(
+    speed: np.ndarray, tip: TipModes, cut: Regeneration, deepest: float, orders: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Depths at which a multiplier is -1.   returns which speed (f,), depth (f,)"""
+    from millcal.physics.stability.floquet_kernel import flips
+
+    if cut.wind:
+        raise ValueError("with a helix the matrix depends on the depth: the flips are no eigenvalues of one matrix")
+    column, depth = [np.empty(0, int)], [np.empty(0)]
+    for n in np.unique(orders):
+        those = np.flatnonzero(orders == n)
+        problem = problem_of(tip, cut, 0.0, int(n))
+        found, count = np.empty((len(those), len(problem.piece))), np.empty(len(those), np.int64)
+        flips(problem, np.ascontiguousarray(speed[those]), deepest, found, count)
+        column.append(np.repeat(those, count))
+        depth.append(found[np.arange(found.shape[1]) < count[:, np.newaxis]])
+    return np.concatenate(column), np.concatenate(depth)
+
+
+def boundary(
+    spindle_speed: np.ndarray,
+    tip: TipModes,
+    cut: Regeneration,
+    *,
+    deepest: float,
+    depths: int = 16,
+    order: int | None = None,
+    tolerance: float = TOLERANCE,
+    depth_tolerance: float = 1e-9,
+    progress: Callable[[float], None] | None = None,
+) -> Crossings:
+    """All crossings of the unit circle up to a depth, column by column (`columns`); the crossings of every multiplier.
+
+    Of equal orders a column holds tens of eigenvalue problems instead of a hundred pixels, and returns depths and kinds. A
+    pocket between two samples that no bulge betrays is missed; `all_crossings` does not scan.
+
+    spindle_speed : (s,) rad/s   deepest : m   depths : samples of a column   depth_tolerance : m
+    """
+    from millcal.physics.stability.columns import crossings_in_columns
+
+    speed = np.asarray(spindle_speed, float)
+    orders = np.full(len(speed), order) if order else order_of(speed, deepest, tip, cut, tolerance)
+    known = (np.empty(0, int), np.empty(0)) if cut.wind else _flips(speed, tip, cut, deepest, orders)
+    model = _Multipliers(speed, orders, tip, cut, progress)
+    found = crossings_in_columns(model, len(speed), deepest, depths, known, depth_tolerance)
+    return _crossings(speed, found.column, found.depth, found.kind, found.multiplier, found.loses, tip, cut)
+
+
+KEPT = 12  # multipliers of a point, largest first
+
+
+class _Multipliers:
+    """The largest multipliers of points in columns, each column at its own order."""
+
+    def __init__(self, speed, orders, tip, cut, progress):
+        self.speed, self.orders, self.tip, self.cut = speed, orders, tip, cut
+        self.progress = progress or (lambda share: None)
+        self.problems = {} if cut.wind else {n: problem_of(tip, cut, 0.0, int(n)) for n in np.unique(orders).tolist()}
+
+    def __call__(self, column: np.ndarray, depth: np.ndarray) -> np.ndarray:
+        from millcal.physics.stability.floquet_kernel import spectra
+
+        found = np.empty((len(column), KEPT), complex)
+        for n in np.unique(self.orders[column]).tolist():
+            those = np.flatnonzero(self.orders[column] == n)
+            if not self.cut.wind:
+                those = those[np.argsort(column[those], kind="stable")]
+                out = np.empty((len(those), KEPT), complex)
+                spectra(self.problems[n], self.speed[column[those]], depth[those], KEPT, out)
+                found[those] = out
+                continue
+            for b in np.unique(depth[those]):
+                here = those[depth[those] == b]
+                out = np.empty((len(here), KEPT), complex)
+                force = np.full(len(here), 1.0 if b else 0.0)
+                spectra(problem_of(self.tip, self.cut, float(b), n), self.speed[column[here]], force, KEPT, out)
+                found[here] = out
+        return found
+
+
+def _crossings(speed, column, depth, kind, multiplier, loses, tip, cut) -> Crossings:
+    period = (2 * np.pi / cut.teeth if cut.equal_pitch else 2 * np.pi) / speed[column]
+    frequency = chatter_frequency(multiplier, period, tip) if len(column) else np.empty(0)
+    return Crossings(column, depth, kind, frequency, loses)

@@ -15,7 +15,6 @@ import numpy as np
 from numba import njit
 
 MOST_STEPS = 60  # of the QR iteration for one eigenvalue
-ROOT_STEPS = 60  # for a crossing: bisection would need no more
 
 
 class Problem(NamedTuple):
@@ -432,3 +431,83 @@ def radii(p, speed, depth, out):
             if math.isnan(real[k]):
                 largest = np.inf
         out[i] = math.sqrt(largest)
+
+
+@njit(cache=True)
+def spectra(p, speed, depth, keep, out):
+    """The largest multipliers of points of many speeds, largest first.   out : complex (point, keep)"""
+    gamma, phi, evolution, feed, block, power, left, right, matrix, real, imag = _room(p)
+    n = matrix.shape[0]
+    size = np.empty(n)
+    for i in range(len(speed)):
+        if i == 0 or speed[i] != speed[i - 1]:
+            _prepare(p, speed[i], gamma, phi, evolution, feed, block, power)
+        _monodromy(p, depth[i], gamma, phi, evolution, feed, left, right, matrix)
+        _eigenvalues(matrix, n, real, imag)
+        for k in range(n):
+            size[k] = real[k] * real[k] + imag[k] * imag[k]
+            if math.isnan(size[k]):
+                size[k] = np.inf
+        for rank in range(min(keep, n)):
+            top = rank
+            for k in range(rank + 1, n):
+                if size[k] > size[top]:
+                    top = k
+            size[rank], size[top] = size[top], size[rank]
+            real[rank], real[top] = real[top], real[rank]
+            imag[rank], imag[top] = imag[top], imag[rank]
+            out[i, rank] = complex(real[rank], imag[rank])
+        for rank in range(n, keep):
+            out[i, rank] = 0.0
+
+
+@njit(cache=True)
+def flips(p, speed, deepest, out, count):
+    """Depths at which a multiplier is -1: real negative eigenvalues of K(-1) (S0 + S1).
+
+    out : (speed, unknown), filled to count, ascending   count : integer (speed,)
+    """
+    gamma, phi, evolution, feed, block, power, left, _, _, _, _ = _room(p)
+    unknowns, states = phi.shape
+    real, imag = np.empty(unknowns), np.empty(unknowns)
+    away = np.empty((states, states))  # -1 - E
+    answer = np.empty((states, unknowns))
+    matrix = np.empty((unknowns, unknowns))
+    wave = p.now.copy()
+    for a in range(unknowns):
+        for k in range(len(p.memory)):
+            wave[a, p.memory[k]] += p.before[a, k]
+    for i in range(len(speed)):
+        _prepare(p, speed[i], gamma, phi, evolution, feed, block, power)
+        for k in range(states):
+            for c in range(states):
+                away[k, c] = -evolution[k, c]
+            away[k, k] -= 1.0
+            for a in range(unknowns):
+                answer[k, a] = feed[k, a]
+        _solve(away, answer, states, unknowns)
+        for a in range(unknowns):
+            for b in range(unknowns):
+                total = gamma[a, b]
+                for k in range(states):
+                    total += phi[a, k] * answer[k, b]
+                left[a, b] = total
+        if p.plain:
+            for a in range(unknowns):
+                for b in range(unknowns):
+                    matrix[a, b] = left[a, b] * wave[b, b]
+        else:
+            for a in range(unknowns):
+                for b in range(unknowns):
+                    total = 0.0
+                    for c in range(unknowns):
+                        total += left[a, c] * wave[c, b]
+                    matrix[a, b] = total
+        _eigenvalues(matrix, unknowns, real, imag)
+        found = 0
+        for k in range(unknowns):
+            if imag[k] == 0.0 and real[k] < 0.0 and -1.0 / real[k] <= deepest:
+                out[i, found] = -1.0 / real[k]
+                found += 1
+        out[i, :found].sort()
+        count[i] = found
