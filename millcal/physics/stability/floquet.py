@@ -34,7 +34,15 @@ import numpy as np
 
 from millcal.errors import IllPosedError
 from millcal.physics.stability.cut_period import gauss_table, pieces_of, unknowns_of
-from millcal.physics.stability.regeneration import Crossings, Regeneration, TipModes, chatter_frequency
+from millcal.physics.stability.regeneration import (
+    FLIP,
+    FOLD,
+    HOPF,
+    Crossings,
+    Regeneration,
+    TipModes,
+    chatter_frequency,
+)
 
 TOLERANCE = 1e-4  # of |mu|
 HIGHEST_ORDER = 160
@@ -239,6 +247,54 @@ def boundary(
     model = _Multipliers(speed, orders, tip, cut, progress)
     found = crossings_in_columns(model, len(speed), deepest, depths, known, depth_tolerance)
     return _crossings(speed, found.column, found.depth, found.kind, found.multiplier, found.loses, tip, cut)
+
+
+def all_crossings(
+    spindle_speed: np.ndarray,
+    tip: TipModes,
+    cut: Regeneration,
+    *,
+    deepest: float,
+    order: int | None = None,
+    tolerance: float = TOLERANCE,
+    steps: int = 32,
+    progress: Callable[[float], None] | None = None,
+) -> Crossings:
+    """All crossings of the unit circle up to a depth by going round it (`numerics.circle_sweep`): no scan of the depth.
+
+    A check of `boundary` that misses no pocket of depth, at some ten times its cost.
+
+    spindle_speed : (s,) rad/s   deepest : m   steps : angles to begin with, on half a circle
+    raises ValueError with a helix, whose matrix depends on the depth
+    """
+    from millcal.numerics.circle_sweep import circle_crossings
+    from millcal.physics.stability.floquet_kernel import matrices
+
+    if cut.wind:
+        raise ValueError("with a helix the matrix depends on the depth: crossings are no eigenvalues of one matrix")
+    speed = np.asarray(spindle_speed, float)
+    orders = np.full(len(speed), order) if order else order_of(speed, deepest, tip, cut, tolerance)
+    parts = []
+    problems = {n: problem_of(tip, cut, 0.0, n) for n in np.unique(orders).tolist()}
+    for i, (omega, n) in enumerate(zip(speed, orders.tolist(), strict=True)):
+        if progress is not None:
+            progress(i / len(speed))
+        gamma, phi, evolution, feed = matrices(problems[n], float(omega))
+        now, before = problems[n].now, np.zeros_like(gamma)
+        before[:, problems[n].memory] = problems[n].before
+
+        def loop(angle: np.ndarray, gamma=gamma, phi=phi, evolution=evolution, feed=feed, now=now, before=before):
+            mu = np.exp(1j * angle)[:, np.newaxis, np.newaxis]
+            carried = np.linalg.solve(mu * np.eye(len(evolution)) - evolution, feed[np.newaxis].astype(complex))
+            return (gamma + phi @ carried) @ (now - before / mu)
+
+        natural = np.angle(np.exp(tip.pole * (problems[n].period / omega)))
+        found = circle_crossings(loop, deepest, steps=steps, extra=np.abs(natural))
+        at_end = np.where(found.angle == 0, FOLD, FLIP)
+        kind = np.where((found.angle == 0) | (found.angle == np.pi), at_end, HOPF)
+        parts.append((np.full(len(kind), i), found.factor, kind, np.exp(1j * found.angle), found.rising))
+    columns = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return _crossings(speed, *columns, tip, cut)
 
 
 KEPT = 12  # multipliers of a point, largest first
