@@ -187,7 +187,7 @@ def _within(
         low[i], high[i] = np.where(is_low, new, low[i]), np.where(is_low, high[i], new)
         at_low[i], at_high[i] = np.where(is_low, value, at_low[i]), np.where(is_low, at_high[i], value)
         moved[i] = np.where(is_low, -1, 1)
-        done = (np.abs(value.imag) <= tolerance * np.abs(value)) | (high[i] - low[i] <= 1e-14)
+        done = (np.abs(value.imag) <= tolerance * np.abs(value)) | (high[i] - low[i] <= 1e-12)
         todo = i[~done]
     # two eigenvalues taken for each other at the least step leave a change of sign without a zero
     good = (np.abs(found.imag) <= 1e-6 * np.abs(found)) & (found.real <= -1 / largest)
