@@ -29,6 +29,7 @@ from millcal.data import (
     Coefficients,
     CutForce,
     CutSamples,
+    CutTests,
     CutVibration,
     ForceHarmonics,
     Frf,
@@ -38,6 +39,7 @@ from millcal.data import (
     Recording,
 )
 from millcal.errors import IllPosedError, MillcalError, RecipeError, RecordingError
+from millcal.io.cuts_log import cuts_on_map, read_cuts_log
 from millcal.io.frf_files import read_frf
 from millcal.io.history_table import write_history_table
 from millcal.io.keys import in_si
@@ -162,10 +164,12 @@ def _stages(recipe: Recipe, seed: int, progress: Progress) -> tuple[dict[str, An
         if reason:
             notices.append(Notice("no-stability-map", reason, recipe.where("stability")))
         else:
+            arguments = _map_arguments(recipe, results["coefficients"])
             results["stability"] = map_stability(
                 dynamics,
                 results["coefficients"].posterior,
-                **_map_arguments(recipe, results["coefficients"]),
+                **arguments,
+                tests=_test_cuts(recipe, arguments, notices),
                 rng=np.random.default_rng(seed),
                 progress=_part(progress, *taken[5]),
             )
@@ -294,11 +298,14 @@ def _modes(recipe: Recipe, results: dict[str, Any], progress: Progress, notices:
 def _dynamics(recipe: Recipe, results: Mapping[str, Any], notices: list[Notice]) -> Frf | Modes | None:
     """What the map stands on: as the recipe says, else what `advise` says."""
     frf, modes, wanted = results.get("frf"), results.get("modes"), recipe.stability.dynamics
-    if frf is None or wanted == "modes":
+    method = recipe.stability.method
+    if frf is None or wanted == "modes" or method in recipe.stability.OF_MODES:
         return modes
     if wanted is None and modes is not None:
         wanted, why = advise(frf, modes)
-        if why:
+        if method == "frf" and wanted == "modes":  # which are another method's
+            wanted = "corrected" if frf.damping_shift else "frf"
+        if why and wanted != "frf":
             name = {"modes": "its modes", "corrected": "the FRF without that"}[wanted]
             what = f"{why}: the map stands on {name}; stability.dynamics chooses"
             notices.append(Notice(f"map-from-{wanted}", what, recipe.where("stability"), "note"))
@@ -363,8 +370,25 @@ def _map_arguments(recipe: Recipe, coefficients: Coefficients | CoefficientHisto
         "teeth": cutter.teeth,
         "diameter": cutter.diameter,
         "pitch": cutter.pitch,
+        "helix": cutter.helix,
+        "runout": (cutter.runout * np.cos(cutter.runout_angle), cutter.runout * np.sin(cutter.runout_angle)),
         "operating_point": None if speed is None else (speed, depth),
     }
+
+
+def _test_cuts(recipe: Recipe, arguments: Mapping[str, Any], notices: list[Notice]) -> CutTests | None:
+    """Cuts of the recipe's log that belong on the map."""
+    if recipe.test_cuts is None:
+        return None
+    slot = arguments["direction"] == "slot" or arguments["radial_depth"] is None
+    made, told = cuts_on_map(
+        read_cuts_log(recipe.test_cuts),
+        recipe.test_cuts,
+        radial_depth=arguments["diameter"] if slot else arguments["radial_depth"],
+        direction=arguments["direction"],
+    )
+    notices += told
+    return made
 
 
 def _summary(
@@ -373,7 +397,10 @@ def _summary(
     """What summary.json holds: the answers first, then what they rest on."""
     fit = summarise(results["coefficients"]) if "coefficients" in results else {}
     chart = summarise(results["stability"]) if "stability" in results else {}
-    chart.pop("limit", None)  # the curve is in stability.h5
+    for key in ("limit", "probability"):  # the curves are in stability.h5
+        chart.pop(key, None)
+    if "simulated" in chart:
+        del chart["simulated"]["cuts"]
     modes = summarise(results["modes"]) if "modes" in results else {}
     summary = {
         "title": recipe.title,
@@ -434,6 +461,7 @@ def _refuse_absent(recipe: Recipe, path: Path) -> None:
     keys = {
         **{cut.recording: f"cuts.{number}.recording" for number, cut in enumerate(recipe.cuts)},
         **{cut.table: f"cuts.{number}.engagement" for number, cut in enumerate(recipe.cuts) if cut.table},
+        **({recipe.test_cuts: "stability.tests"} if recipe.test_cuts else {}),
         **{
             test: f"{key}.recordings.{number}"
             for key, tests in (("impact", recipe.impact), ("sensor", recipe.sensor_test))

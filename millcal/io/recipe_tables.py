@@ -229,23 +229,62 @@ class ForcesTable(Table):
 class StabilityTable(Table):
     """Options of the stability map; what is absent is that of the cuts, where they agree."""
 
-    renamed: ClassVar = {"rpm": "spindle_speed", "spindle_speed_rpm": "operating_speed"}
-    not_arguments: ClassVar = frozenset({"dynamics"})
-    method: Literal["zoa"] = Field("zoa", description="zoa: zero-order approximation")
+    renamed: ClassVar = {
+        "rpm": "spindle_speed",
+        "spindle_speed_rpm": "operating_speed",
+        "process_damping_N_per_mm": "indentation",
+        "friction": "indentation_friction",
+    }
+    not_arguments: ClassVar = frozenset({"dynamics", "tests"})
+    OF_MODES: ClassVar = ("floquet", "time-domain")
+    method: Literal["zoa", "floquet", "frf", "time-domain"] = Field(
+        "zoa",
+        description="zoa: zero-order approximation, without flip lobes; right at low immersion are floquet, of modes, and frf, "
+        "of the FRF as measured; time-domain: of modes, with teeth that leave the cut",
+    )
     dynamics: Literal["frf", "corrected", "modes"] | None = Field(
         None,
         description="what the map stands on: frf as measured, corrected for what windows and the records' ends took "
-        "away, or the modes fitted to it; when absent the FRF, and one of the others where it is bent",
+        "away, or the modes fitted to it; when absent the FRF, and one of the others where it is bent or the method needs modes",
     )
     rpm: Span = Field(description="[lowest, highest] spindle speed of the map, rpm")
     points: int = Field(400, ge=2, description="number of speeds of the map")
-    members: int = Field(2000, ge=0, description="draws for the band on the limit; 0 for none")
+    deepest_mm: Positive | None = Field(
+        None, description="how deep to look, mm (not zoa); by the map itself when absent"
+    )
+    members: int = Field(2000, ge=0, description="draws for the band on the limit and for probabilities; 0 for none")
+    probability: bool | Annotated[int, Field(ge=2)] = Field(
+        False, description="map of the probability that a cut is stable: true, or its number of depths"
+    )
     rigid: Literal["", "x", "y"] = Field("", description="axis without measured dynamics that is known to be rigid")
     radial_depth_mm: Positive | None = Field(None, description="width of engagement, mm; the cuts' when absent")
     direction: Direction | None = Field(None, description="up, down or slot; the cuts' when absent")
     feed_per_tooth_mm: Positive | None = Field(None, description="feed per tooth for removal rates, mm")
+    process_damping_N_per_mm: float = Field(
+        0.0, ge=0, description="indentation constant of process damping, N/mm (floquet, time-domain); 0 for none"
+    )
+    friction: float = Field(0.3, ge=0, description="friction of the flank, with process damping")
     spindle_speed_rpm: Positive | None = Field(None, description="spindle speed of the operating point, rpm")
     axial_depth_mm: Positive | None = Field(None, description="axial depth of the operating point, mm")
+    tests: str | None = Field(
+        None, description="cuts log (CSV) of cuts judged stable or not, to hold against the map; relative to the recipe"
+    )
+    simulate: tuple_of(Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]) | None = Field(
+        None, description="[speeds, depths] of a grid of cuts in the time domain, whatever the method"
+    )
+
+    def trouble(self) -> tuple[str, str] | None:
+        """A key that does not go with the method: (key, `what is wrong; what to do`); None where all do."""
+        modal = self.method in self.OF_MODES
+        if modal and self.dynamics in ("frf", "corrected"):
+            return "dynamics", f"method {self.method} is of modes; leave the key out"
+        if self.method == "frf" and self.dynamics == "modes":
+            return "dynamics", 'method frf is of the FRF as measured; leave the key out, or write method = "floquet"'
+        if self.process_damping_N_per_mm and not modal:
+            return "process_damping_N_per_mm", f"method {self.method} knows none; take floquet, or leave it out"
+        if self.probability and self.members < 2:
+            return "probability", "needs draws; leave `members` out"
+        return None
 
 
 def _interval_or_text(value: Any) -> Any:

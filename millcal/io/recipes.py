@@ -124,6 +124,7 @@ class Recipe:
     sensor: Path | None  # FRF of the dynamometer, a result file
     sensor_test: SensorTest | None  # or the impact tests it is estimated from
     frf_file: Path | None  # FRF of the sensors that heard the cuts, in place of `impact`
+    test_cuts: Path | None  # cuts log to hold against the map
     document: Document = field(repr=False)
 
     @property
@@ -143,7 +144,7 @@ class Recipe:
         """Every file the recipe reads, each once, in the recipe's order."""
         impact = self.impact.recordings if self.impact else (self.frf_file,) if self.frf_file else ()
         sensor = (self.sensor,) if self.sensor else self.sensor_test.recordings if self.sensor_test else ()
-        tables = [cut.table for cut in self.cuts if cut.table]
+        tables = [*(cut.table for cut in self.cuts if cut.table), *([self.test_cuts] if self.test_cuts else [])]
         return tuple(dict.fromkeys([*(cut.recording for cut in self.cuts), *impact, *sensor, *tables]))
 
     def where(self, key: str) -> str:
@@ -164,6 +165,7 @@ def read_recipe(path: Path) -> Recipe:
         document.refuse(("modes",), "no [impact] to fit modes to; add one, or give them by hand in [structure]")
     if tables.stability is not None:
         _check_stability(document, tables)
+    test_cuts = tables.stability.tests if tables.stability else None
     sensor = tables.coefficients.sensor
     if sensor and tables.sensor:
         document.refuse(("coefficients", "sensor"), "the dynamometer is given twice; keep this key or [sensor]")
@@ -190,6 +192,7 @@ def read_recipe(path: Path) -> Recipe:
         if tables.sensor
         else None,
         frf_file=_path(document, ("forces", "frf_file"), frf_file) if frf_file else None,
+        test_cuts=_path(document, ("stability", "tests"), test_cuts) if test_cuts else None,
         document=document,
     )
 
@@ -349,6 +352,20 @@ def _check_stability(document: Document, tables: RecipeTables) -> None:
     if hit and tables.structure is not None:
         other = "[impact]" if tables.impact is not None else "forces.frf_file"
         document.refuse(("structure",), f"dynamics are given twice; keep [structure] or {other}")
+    trouble = tables.stability.trouble()
+    if trouble:
+        document.refuse(("stability", trouble[0]), trouble[1])
+    method, of_modes = tables.stability.method, tables.stability.method in tables.stability.OF_MODES
+    if method == "frf" and not hit:
+        document.refuse(("stability", "method"), "no [impact] to take an FRF from; add one, or take floquet")
+    if method == "frf" and tables.cutter.helix_deg:
+        document.refuse(
+            ("stability", "method"), "frf knows straight teeth alone, and the cutter has a helix; take floquet"
+        )
+    if method == "frf" and len(set(tables.cutter.pitch_deg or ())) > 1:
+        document.refuse(("stability", "method"), "frf knows one pitch alone, and the cutter has several; take floquet")
+    if of_modes and hit and not tables.modes.fit:
+        document.refuse(("stability", "method"), f"{method} is of modes, and [modes] says that none are fitted; let it")
     dynamics = tables.stability.dynamics
     if dynamics in ("frf", "corrected") and not hit:
         document.refuse(("stability", "dynamics"), "no [impact] to take an FRF from; add one, or leave the key out")

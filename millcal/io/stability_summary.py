@@ -199,8 +199,12 @@ def _tests(found: StabilityMap) -> dict[str, Any]:
 
 
 def _simulated(cuts: SimulatedCuts) -> dict[str, Any]:
+    periods = np.rint(cuts.period)
     return {
         "per": cuts.per,
+        "stable": int(np.count_nonzero(periods == 1)),
+        "period_n": int(np.count_nonzero(periods > 1)),
+        "chatter": int(np.count_nonzero(periods < 1)),
         "cuts": [
             {
                 "rpm": shop(speed, "x_rpm"),

@@ -28,7 +28,11 @@ STAGES = {
     "modes": (ModesTable, fit_modes, {"progress"}),
     "forces": (ForcesTable, reconstruct_forces, {"modes", "progress"}),
     "coefficients": (CoefficientsTable, identify_coefficients, {"sensor", "smoothing", "rng", "progress"}),
-    "stability": (StabilityTable, map_stability, {"teeth", "diameter", "pitch", "rng", "progress"}),
+    "stability": (
+        StabilityTable,
+        map_stability,
+        {"teeth", "diameter", "pitch", "helix", "runout", "edge", "tests", "rng", "progress"},
+    ),
 }
 REPLACED = {"operating_speed", "axial_depth"}  # together they are the operating point
 
