@@ -425,12 +425,12 @@ class OnDisk:
 
 
 def test_samples_on_disk_give_the_same_result_block_by_block(monkeypatch):
-    from millcal.stages.conditioning import forces
+    from millcal.numerics import revolutions
 
     recording = cut(3.0, air=0.5, noise=5.0, offset=4.0)
     on_disk = OnDisk(lambda start, stop: recording.samples[:, start:stop], *recording.samples.shape)
     plain = condition_cut(recording, lowpass=2000.0)
-    monkeypatch.setattr(forces, "WHOLE_RECORD", 16_000)
+    monkeypatch.setattr(revolutions, "WHOLE_RECORD", 16_000)
     blocks = condition_cut(replace(recording, samples=on_disk), lowpass=2000.0)
     assert blocks.harmonics == pytest.approx(plain.harmonics, abs=1e-8)
     assert blocks.steady == plain.steady

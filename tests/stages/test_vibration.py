@@ -396,13 +396,14 @@ class OnDisk:
 
 
 def test_a_record_on_disk_gives_the_same_block_by_block(monkeypatch):
-    from millcal.stages.conditioning import forces, reference, vibration
+    from millcal.numerics import revolutions
+    from millcal.stages.conditioning import reference, vibration
 
     n = 30_000
     encoder = angle_of(n) % (2 * np.pi)
     recording = cut(5.0, air=0.5, noise=0.1, extra=[encoder], channels=[ENCODER])
     plain = conditioned(recording)
-    monkeypatch.setattr(forces, "WHOLE_RECORD", 16_000)
+    monkeypatch.setattr(revolutions, "WHOLE_RECORD", 16_000)
     monkeypatch.setattr(reference, "BLOCK", 4000)
     on_disk = OnDisk(recording.samples)
     blocks = conditioned(replace(recording, samples=on_disk))

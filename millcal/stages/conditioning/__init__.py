@@ -14,10 +14,11 @@ from millcal.errors import RecordingError
 from millcal.numerics import spectra
 from millcal.numerics.low_pass import low_pass_kernel, smoothed
 from millcal.numerics.residual_lines import asynchronous_lines
+from millcal.numerics.revolutions import block_size, survey_record
 from millcal.stages.conditioning import findings, spindle
-from millcal.stages.conditioning.forces import Span, block_size, force_rows, offset_line, read_forces, stated_frequency
+from millcal.stages.conditioning.forces import Span, force_rows, offset_line, read_forces, stated_frequency
 from millcal.stages.conditioning.samples import sample_cut
-from millcal.stages.conditioning.steady import air_samples, all_numbers_around, steady_samples, survey_record
+from millcal.stages.conditioning.steady import air_samples, all_numbers_around, steady_samples
 
 __all__ = ["condition_cut", "sample_cut"]
 

@@ -6,9 +6,9 @@ import numpy as np
 
 from millcal.data import Recording
 from millcal.errors import RecordingError
+from millcal.numerics.revolutions import block_size
 from millcal.physics.cutter import Cutter, CuttingConditions, engagement
 from millcal.physics.tool_path import ToolPath
-from millcal.stages.conditioning.forces import block_size
 
 FEED_OVER = 3  # revolutions over which the feed is taken from the position
 PATH_DOF = "path"

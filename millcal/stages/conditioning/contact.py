@@ -7,8 +7,9 @@ is stronger than a share of what is usual, and a ramp is what changes much withi
 import numpy as np
 
 from millcal.errors import RecordingError
+from millcal.numerics.revolutions import Survey, longest, stretches
 from millcal.stages.conditioning.forces import Note
-from millcal.stages.conditioning.steady import AIR_REVOLUTIONS, Survey, longest, stretches
+from millcal.stages.conditioning.steady import AIR_REVOLUTIONS
 
 CONTACT = 0.3  # of the usual strength, above the noise of the air cut
 FULL = 0.97  # of the strength of the revolutions that follow: the ramp is over

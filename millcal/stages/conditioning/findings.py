@@ -6,7 +6,8 @@ import numpy as np
 
 from millcal.data import AXES, AsynchronousPeak, Recording
 from millcal.numerics.residual_lines import Line
-from millcal.stages.conditioning.forces import Note, block_size
+from millcal.numerics.revolutions import block_size
+from millcal.stages.conditioning.forces import Note
 from millcal.stages.conditioning.spindle import Revolutions
 
 MOST_PEAKS = 10  # per axis

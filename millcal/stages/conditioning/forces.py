@@ -8,13 +8,11 @@ import numpy as np
 
 from millcal.data import AXES, Recording
 from millcal.errors import RecordingError
+from millcal.numerics.revolutions import Samples
 from millcal.numerics.spectra import Reader
 
 Note = Callable[..., None]  # takes code, sentence and level of a notice
 Span = tuple[float, float]  # s
-Samples = tuple[int, int]  # start, stop
-
-WHOLE_RECORD = 1 << 21  # samples that may stay in memory at once; of a longer record, blocks of a sixteenth
 
 
 def stated_frequency(recording: Recording, where: str) -> float:
@@ -57,12 +55,6 @@ def read_forces(recording: Recording, rows: list[int], offset: np.ndarray, drift
         return np.asarray(recording.block(start, stop, rows)) - line
 
     return read
-
-
-def block_size(length: int, channels: int = 3) -> int:
-    """Samples to hold at once of a record of this length; as many of more than three channels as of three."""
-    share = max(channels / 3, 1.0)
-    return length if length * share <= WHOLE_RECORD else int(WHOLE_RECORD / 16 / share)
 
 
 class AirLine(NamedTuple):

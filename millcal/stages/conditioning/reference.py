@@ -6,8 +6,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from millcal.data import Level, Recording
+from millcal.numerics.revolutions import Samples
 from millcal.stages.conditioning import spindle, spindle_angle
-from millcal.stages.conditioning.forces import Note, Samples
+from millcal.stages.conditioning.forces import Note
 
 Source = Literal["speed", "pulse", "encoder", "stated"]
 

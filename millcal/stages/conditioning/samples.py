@@ -12,30 +12,15 @@ import numpy as np
 
 from millcal.data import AXES, CutSamples, Level, Notice, Recording
 from millcal.errors import RecordingError
+from millcal.numerics.revolutions import Samples, block_size, stretches, survey_record
 from millcal.numerics.spectra import Reader
 from millcal.physics.tool_path import ToolPath
 from millcal.stages.conditioning import findings, spindle_angle
 from millcal.stages.conditioning.along_path import constant_engagement, engagement_along
 from millcal.stages.conditioning.contact import contact_revolutions
-from millcal.stages.conditioning.forces import (
-    Note,
-    Samples,
-    Span,
-    block_size,
-    force_rows,
-    offset_line,
-    read_forces,
-    stated_frequency,
-)
+from millcal.stages.conditioning.forces import Note, Span, force_rows, offset_line, read_forces, stated_frequency
 from millcal.stages.conditioning.spindle import FEW_REVOLUTIONS, FEWEST_REVOLUTIONS, NYQUIST_SHARE
-from millcal.stages.conditioning.steady import (
-    air_samples,
-    refuse_what_is_no_number,
-    samples_of,
-    stated_samples,
-    stretches,
-    survey_record,
-)
+from millcal.stages.conditioning.steady import air_samples, refuse_what_is_no_number, samples_of, stated_samples
 
 LOOK = 64  # revolutions in the middle of the cut by which it is judged to be one
 

@@ -6,9 +6,9 @@ import numpy as np
 
 from millcal.data import Recording
 from millcal.errors import RecordingError
+from millcal.numerics.revolutions import Samples, Survey
 from millcal.numerics.spectra import Reader
-from millcal.stages.conditioning.forces import Note, Samples
-from millcal.stages.conditioning.steady import Survey
+from millcal.stages.conditioning.forces import Note
 
 DERIVATIVES = {"acceleration": 0, "velocity": 1, "displacement": 2}  # to the acceleration
 PATH = "path"  # dof of a channel that says where the tool is on its path

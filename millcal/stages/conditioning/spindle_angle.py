@@ -12,8 +12,9 @@ from millcal.errors import RecordingError
 from millcal.numerics import spectra
 from millcal.numerics.phase_tracking import track_phase
 from millcal.numerics.pulses import number_pulses, pulse_times
+from millcal.numerics.revolutions import block_size
 from millcal.numerics.smooth_sequence import smooth_sequence
-from millcal.stages.conditioning.forces import Note, block_size
+from millcal.stages.conditioning.forces import Note
 from millcal.stages.conditioning.spindle import FAR_FROM_STATED, NYQUIST_SHARE, each_revolution, spindle_cycle
 
 TURN = 2 * np.pi

@@ -16,12 +16,13 @@ from millcal.errors import RecordingError
 from millcal.numerics import spectra
 from millcal.numerics.harmonic_noise import harmonic_noise
 from millcal.numerics.residual_lines import ResidualSpectra, fast_length, lines_standing_out, residual_spectra
+from millcal.numerics.revolutions import Samples, Survey, block_size, survey_record
 from millcal.numerics.spectra import Reader
 from millcal.stages.conditioning import findings, spindle
-from millcal.stages.conditioning.forces import Note, Samples, Span, block_size, stated_frequency
+from millcal.stages.conditioning.forces import Note, Span, stated_frequency
 from millcal.stages.conditioning.reference import angle_reference
 from millcal.stages.conditioning.sensors import silent, vibration_sensors
-from millcal.stages.conditioning.steady import Survey, steady_samples, survey_record
+from millcal.stages.conditioning.steady import steady_samples
 
 ANALYSED_HARMONICS = 30  # taken out before the rest is called noise, however few are saved
 FOLLOWED = 0.05  # of the power; sensors are noisier than forces
