@@ -10,7 +10,7 @@ import numpy as np
 
 from millcal.data import Notice, Posterior
 from millcal.errors import IllPosedError
-from millcal.physics.cutting_force import Kienzle
+from millcal.physics.cutting_force import Kienzle, LinearEdge
 
 
 def cutting_draws(
@@ -57,6 +57,26 @@ def cutting_draws(
             Notice("coefficients-vague", f"{share:.1%} of the draws have Ktc below zero and are left out of the band")
         )
     return mean, draws, notices
+
+
+def edge_force(posterior: Posterior | tuple[float, float]) -> tuple[float, float] | None:
+    """K_te and K_re, N/m, if the coefficients have them."""
+    if not isinstance(posterior, Posterior) or "Kte" not in posterior.names:
+        return None
+    return posterior["Kte"], posterior["Kre"] if "Kre" in posterior.names else 0.0
+
+
+def tangential_law(
+    posterior: Posterior | tuple[float, float], edge: tuple[float, float] | None
+) -> LinearEdge | Kienzle | None:
+    """What turns against the spindle, None where only its slope is known.   edge : K_te, K_re, N/m"""
+    if isinstance(posterior, Posterior) and posterior.law == "kienzle":
+        force, rise = (np.array([posterior[name], 0.0, 0.0]) for name in ("kt", "mt"))
+        return Kienzle(force, rise)
+    if edge is None:
+        return None
+    ktc = posterior["Ktc"] if isinstance(posterior, Posterior) else posterior[0]
+    return LinearEdge(np.array([ktc, 0.0, 0.0]), np.array([edge[0], 0.0, 0.0]))
 
 
 def _marginal(posterior: Posterior, names: tuple[str, ...]) -> Posterior:

@@ -1,38 +1,32 @@
-"""Stability map: limit depth against spindle speed, with a band from what is uncertain in coefficients and FRF.
+"""Stability map: limit depth against spindle speed, with all that follows from it.
 
-Coefficients. The zero-order limit is f(K_rc / K_tc) / K_tc: K_tc only scales it, the ratio turns the eigenvectors, edge
-coefficients do not enter. So f is solved exactly at a few dozen ratios across the draws and each draw is an interpolation
-between two of them (of 1/f, where a change of lobe is a convex corner: interpolating errs to the safe side). A Kienzle
-law enters by its tangent at the mean chip of the operating feed, draw by draw.
-
-FRF. Drawing noisy lines would add the noise a second time to lines that carry it already, and the lowest of several noisy
-crossings is biased low. So the variance goes through the eigenvalue at the limiting frequency to first order
-(`inverse_depth_sd`), centred on the limit of the measured lines, and is normal in 1/b, in which the eigenvalue is linear.
-
-Fitted modes. Their errors move frequencies, damping and residues together and with them the lobes, which no first order at
-one frequency sees; so the limit is solved anew for a few hundred structures drawn from the fit, with the coefficients at their
-mean, and what that moves 1/b by is added to the draws of the coefficients.
-
-The band holds speed by speed: 95 % at each speed, not for the whole curve at once.
+A method (`methods`) gives the depths at which stability is lost and comes back, speed by speed. From these, whatever the
+method, come the band and the probabilities (`spread`), the best speeds (`pockets`) and the operating point (`operating`).
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from millcal.data import BestSpeed, CutTests, Frf, Modes, Notice, OperatingPoint, Posterior, StabilityMap
+from millcal.data import CutTests, Frf, Modes, Notice, OperatingPoint, Posterior, SimulatedCuts, StabilityMap
 from millcal.errors import IllPosedError
-from millcal.physics.cutter import CuttingConditions, engagement
-from millcal.physics.stability.regeneration import HOPF
-from millcal.physics.stability.zero_order import Limit, mean_cutting_matrix
-from millcal.stages.stability.coefficients import cutting_draws
-from millcal.stages.stability.lines import tip_of_lines
-from millcal.stages.stability.modes import tip_of_modes
-from millcal.stages.stability.tip import Solver, Tip
+from millcal.physics.cutter import Cutter, CuttingConditions, engagement
+from millcal.physics.mean_torque import mean_torque
+from millcal.physics.stability.regeneration import Crossings, Regeneration
+from millcal.physics.stability.stable_depths import edge_table, is_stable
+from millcal.stages.stability.coefficients import cutting_draws, edge_force, tangential_law
+from millcal.stages.stability.method import Asked, Method, Sampling
+from millcal.stages.stability.methods import DEEPER, METHODS, OVER_MINIMUM
+from millcal.stages.stability.modes import poles_of_modes
+from millcal.stages.stability.operating import SAFE, Columns, judged
+from millcal.stages.stability.pockets import best_speeds, pockets
+from millcal.stages.stability.spread import Spread, band_speeds, spread_of
+from millcal.units import to_shop
 
-RATIOS = 41  # K_rc / K_tc at which the limit is solved exactly for the band
-STRUCTURES = 400  # draws of fitted modes, at most
-POCKETS = 5  # best speeds told
+DEPTHS = 80  # of a map of probabilities
+ALIKE = 1e-3  # share by which two ways to the same limit may differ
+HELIX = np.radians(30.0)  # of a cutter that is held against one whose period doubles
 
 
 def map_stability(
@@ -68,10 +62,10 @@ def map_stability(
     dynamics : an FRF with driving points along x and y at one point, or modes, given along x and y or fitted to such an FRF
     posterior : coefficients, or (K_tc, K_rc) in N/m^2 taken as exact
     diameter, radial_depth, feed_per_tooth : m   spindle_speed : (lowest, highest) rad/s   pitch : (tooth,) rad   helix : rad
-    runout : (c0, s0) m as in the time domain, which alone knows of it
+    runout : (c0, s0) m as in the time domain, which alone counts it towards stability
     rigid : axes that may be missing from `dynamics`, "x" or "y", because the user knows them to be rigid
     method : zoa, floquet (needs modes), frf (needs an FRF), time-domain (needs modes)
-    deepest : m, how deep to look; None: chosen from the absolute minimum, the operating point and the tests
+    deepest : m, how deep to look; None: from the zero-order limit, the operating point and the tests
     indentation, indentation_friction : C in N/m and mu of process damping; 0: none
     edge : (K_te, K_re) N/m, for torque, power and the time domain; None: those of the coefficients, if they have them
     members : draws for the band and the probabilities   probability : a map of them, True or its number of depths
@@ -87,207 +81,306 @@ def map_stability(
         )
     progress = progress or (lambda share, label: None)
     radial_depth = diameter if direction == "slot" or radial_depth is None else radial_depth
-    conditions = CuttingConditions(high, feed_per_tooth or 0.0, 0.0, radial_depth, direction)
+    conditions = CuttingConditions(high, feed_per_tooth or 0.0, 1.0, radial_depth, direction)
     entry, leave = engagement(conditions, diameter)
     if leave - entry <= 0:
         raise IllPosedError("stability.radial_depth_mm: the cutter is not engaged; give a radial depth above zero")
-
-    def cutting(ktc: float, krc: float) -> np.ndarray:
-        return mean_cutting_matrix(ktc, krc, teeth=teeth, entry=entry, leave=leave)
-
     mean_chip = (feed_per_tooth or 0.0) * (np.cos(entry) - np.cos(leave)) / (leave - entry)
     (ktc, krc), draws, notices = cutting_draws(posterior, mean_chip, members, rng)
-    notices += _geometry_notices(pitch, teeth, leave - entry)
+    edge = edge_force(posterior) if edge is None else edge
+    cutter = Cutter(
+        diameter,
+        teeth,
+        helix,
+        None if pitch is None else tuple(float(part) for part in pitch),
+        float(np.hypot(*runout)),
+        float(np.arctan2(runout[1], runout[0])),
+    )
+    cut = Regeneration(
+        teeth,
+        entry,
+        leave,
+        float(ktc),
+        float(krc),
+        cutter.pitch,
+        float(cutter.helix_lag(np.array(1.0))),
+        indentation,
+        indentation_friction,
+        diameter / 2,
+    )
+    marked = [] if operating_point is None else [operating_point[0]]
+    depths = [0.0, *([] if operating_point is None else [operating_point[1]])]
+    if tests is not None and len(tests.axial_depth):
+        depths.append(float(tests.axial_depth.max()))
+    asked = Asked(
+        cut=cut,
+        speeds=(min([low, *marked]), max([high, *marked])),
+        least_depth=max(depths),
+        deepest=deepest,
+        rigid=rigid,
+        feed_per_tooth=feed_per_tooth,
+        edge=edge,
+        runout=runout,
+    )
+    chosen = METHODS[method](dynamics, asked)
+
     speeds = np.linspace(low, high, points)
-    asked = np.array([low, high] if operating_point is None else [low, high, operating_point[0]])
-    tip = METHODS[method](dynamics, asked, teeth, rigid)
-    nominal = cutting(ktc, krc)
-    progress(0.1, "limit")
-    limit = tip.solve(speeds, nominal)
+    solution = chosen.solve(speeds, cut, lambda share: progress(0.02 + 0.38 * share, "limit"))
+    table = edge_table(solution.edges, points)
 
-    tops = _pockets(lambda speed: tip.solve(speed, nominal).depth, speeds, limit.depth)
-    extra = np.concatenate([tops, [] if operating_point is None else [operating_point[0]]])
-    at_extra = tip.solve(extra, nominal)
+    def edges_at(some: np.ndarray) -> np.ndarray:
+        return edge_table(chosen.solve(some, cut, lambda share: None).edges, len(some))
+
+    tops = pockets(lambda some: edges_at(some)[:, 0], speeds, table[:, 0], chosen.deepest, chosen.refine)
+    extra = np.concatenate([tops, marked])
+    beside, noise, told = _beside(chosen, cut, extra)
+    notices += told
+    beside_table = edge_table(beside, len(extra))
     everywhere = np.concatenate([speeds, extra])
-    together = Limit(*(np.concatenate(pair) for pair in zip(limit, at_extra, strict=True)))
+    both = _stacked(table, beside_table)
 
-    inverse = None  # of the depth, (member, speed), 1/m
-    spread = None if tip.inverse_sd is None else tip.inverse_sd(everywhere, nominal, together)
-    if members > 1 and rng is not None and (draws is not None or spread is not None or tip.draws is not None):
-        share = 0.8 if tip.draws is None else 0.2  # of the progress
-        inverse = _inverse_depths(
-            tip.solve,
-            cutting,
-            everywhere,
-            together,
-            (ktc, krc),
-            draws,
-            members,
-            lambda s: progress(0.15 + share * s, "band"),
-        )
-        if spread is not None:
-            inverse = inverse + rng.standard_normal((len(inverse), 1)) * spread
-        if tip.draws is not None:
-            moved = np.empty((min(members, STRUCTURES), len(everywhere)))
-            for i, solve in enumerate(tip.draws(rng, len(moved))):
-                progress(0.35 + 0.6 * i / len(moved), "band")
-                moved[i] = 1 / solve(everywhere, nominal).depth - 1 / together.depth
-            stronger = 1.0 if draws is None else draws[:, :1] / ktc
-            inverse = inverse + moved[np.arange(len(inverse)) % len(moved)] * stronger
-    band = None if inverse is None else np.array([_depth_of(q) for q in np.quantile(inverse, [0.975, 0.025], axis=0)])
+    spread = None
+    if rng is not None and members > 1:
+        at = band_speeds(speeds, extra, chosen.band_speeds)
+        order = np.argsort(everywhere, kind="stable")
+        chosen_speeds = order[np.searchsorted(everywhere[order], at)]
+        known = None if solution.inverse_sd is None or noise is None else np.concatenate([solution.inverse_sd, noise])
+        sampling = Sampling(at, members, draws, rng, lambda share: progress(0.42 + 0.5 * share, "band"))
+        spread = spread_of(chosen, cut, both[chosen_speeds], None if known is None else known[chosen_speeds], sampling)
+    band = None if spread is None else spread.band(everywhere)
+    if band is not None and chosen.band_speeds is not None:  # between its speeds a corner of the limit may stick out
+        band = np.array([np.minimum(band[0], both[:, 0]), np.maximum(band[1], both[:, 0])])
+    runnable = SAFE * np.minimum(table[:, 0], chosen.deepest) if band is None else band[0, :points]
 
-    n, width = len(speeds), None if feed_per_tooth is None else radial_depth * feed_per_tooth * teeth / (2 * np.pi)
-    best = []
-    for i in range(n, n + len(tops)):
-        speed, depth = float(everywhere[i]), float(together.depth[i])
-        rate = np.nan if width is None else depth * width * speed
-        p_stable = None if inverse is None else float(np.mean(inverse[:, i] * depth < 1))
-        best.append(BestSpeed(speed, depth, rate, p_stable, None if band is None else float(band[0, i])))
-    best.sort(key=lambda b: -b.spindle_speed * (b.axial_depth if b.safe_depth is None else b.safe_depth))
-
-    limits = np.isfinite(limit.depth)
+    width = None if feed_per_tooth is None else radial_depth * feed_per_tooth * teeth / (2 * np.pi)
+    best = best_speeds(
+        tops,
+        np.minimum(beside_table[: len(tops), 0], chosen.deepest),
+        None if band is None else band[:, points : points + len(tops)],
+        spread,
+        width=width,
+        torque=_torque_per_depth(tangential_law(posterior, edge), cutter, conditions),
+    )
     operating = None
     if operating_point is not None:
-        bound = float(together.depth[-1])
-        operating = OperatingPoint(
-            spindle_speed=operating_point[0],
-            axial_depth=operating_point[1],
-            limit=bound,
-            stable=operating_point[1] < bound,
-            kind="hopf" if np.isfinite(bound) else "",
-            chatter_frequency=float(together.frequency[-1]),
-            limit_interval=None if band is None else (float(band[0, -1]), float(band[1, -1])),
-            p_stable=None if inverse is None else float(np.mean(inverse[:, -1] * operating_point[1] < 1)),
+        columns = Columns(speeds, table, runnable, edges_at if chosen.refine[0] else None)
+        own = _of_one(beside, len(extra) - 1)
+        operating = _operating(chosen, cut, operating_point, own, columns, best, spread, cutter)
+    first = solution.edges.first(points)
+    limits = np.concatenate([table[:, 0], beside_table[:, 0]])
+    minimum = _minimum(chosen, cut, limits, np.concatenate([first.frequency, beside.first(len(extra)).frequency]))
+    probabilities = _probabilities(spread, speeds, probability, _picture(limits, chosen.deepest, asked))
+    if probability and probabilities is None:
+        what = "nothing is known to be uncertain, so there is no probability to map"
+        notices.append(Notice("no-probability", what, "stability.probability"))
+    if tests is not None:
+        notices += _held_against(tests, speeds, chosen, cut)
+    simulated = solution.simulated
+    if simulate is not None:
+        simulated, told = _simulated(
+            dynamics, asked, speeds, simulate, _picture(limits, chosen.deepest, asked), progress
         )
+        notices += told
     progress(1.0, "limit")
     return StabilityMap(
         spindle_speed=speeds,
-        limit_depth=limit.depth,
-        chatter_frequency=limit.frequency,
-        limit_kind=np.where(limits, HOPF, -1),
-        lobe=limit.lobe,
-        crossing_speed=speeds[limits],
-        crossing_depth=limit.depth[limits],
-        crossing_kind=np.full(np.count_nonzero(limits), HOPF),
-        crossing_frequency=limit.frequency[limits],
-        crossing_loses=np.ones(np.count_nonzero(limits)),
+        limit_depth=table[:, 0],
+        chatter_frequency=first.frequency,
+        limit_kind=first.kind,
+        lobe=_lobes(first, speeds, teeth),
+        crossing_speed=speeds[solution.crossings.speed],
+        crossing_depth=solution.crossings.depth,
+        crossing_kind=solution.crossings.kind,
+        crossing_frequency=solution.crossings.frequency,
+        crossing_loses=solution.crossings.loses,
         operating=operating,
-        limit_low=None if band is None else band[0, :n],
-        limit_high=None if band is None else band[1, :n],
+        limit_low=None if band is None else band[0, :points],
+        limit_high=None if band is None else band[1, :points],
+        probability=None if probabilities is None else probabilities[1],
+        probability_depth=None if probabilities is None else probabilities[0],
         method=method,
+        deepest=chosen.deepest,
         teeth=teeth,
         radial_depth=radial_depth,
         diameter=diameter,
         direction=direction,
         feed_per_tooth=feed_per_tooth,
-        absolute_minimum=(minimum := tip.minimum(nominal))[0],
+        absolute_minimum=minimum[0],
         absolute_minimum_frequency=minimum[1],
-        best=tuple(best[:POCKETS]),
-        notices=(
+        best=best,
+        tests=tests,
+        simulated=simulated,
+        notices=_once([
             *notices,
-            *tip.notices,
-            *_band_notices(tip, speeds, nominal, limit.depth),
+            *chosen.notices,
+            *solution.notices,
+            *(chosen.told(speeds, solution) if chosen.told else []),
             *_feed_notices(feed_per_tooth),
-        ),
-    )
+        ]),
+    )  # fmt: skip
 
 
-def _inverse_depths(
-    solve: Solver,
-    cutting: Callable[[float, float], np.ndarray],
+def _beside(chosen: Method, cut: Regeneration, speeds: np.ndarray) -> tuple[Crossings, np.ndarray | None, list[Notice]]:
+    """Edges at the speeds that matter most, where a method has a second way to them by that; and what the first one missed."""
+    solution = chosen.solve(speeds, cut, lambda share: None)
+    if chosen.check is None or not len(speeds):
+        return solution.edges, solution.inverse_sd, []
+    checked = chosen.check(speeds, cut)
+    one, other = (np.minimum(edge_table(e, len(speeds))[:, 0], chosen.deepest) for e in (solution.edges, checked))
+    missed = np.flatnonzero(other < one * (1 - ALIKE))
+    notices = []
+    if len(missed):
+        i = missed[np.argmin(other[missed] / one[missed])]
+        what = (
+            f"at {to_shop(speeds[i], 'x_rpm'):.0f} rpm the limit is {to_shop(other[i], 'x_mm'):.3g} mm, in a pocket that "
+            "the map had missed; there may be others between the speeds shown"
+        )
+        notices.append(Notice("pocket-missed", what))
+    return checked, solution.inverse_sd, notices
+
+
+def _stacked(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Two tables of edges, one below the other.   returns (speed, edge)"""
+    wide = max(one.shape[1], other.shape[1])
+    return np.concatenate([
+        np.pad(table, ((0, 0), (0, wide - table.shape[1])), constant_values=np.inf) for table in (one, other)
+    ])  # fmt: skip
+
+
+def _of_one(crossings: Crossings, speed: int) -> Crossings:
+    """The crossings of one speed, as that of speed 0."""
+    own = Crossings(*(part[crossings.speed == speed] for part in crossings))
+    return own._replace(speed=np.zeros(len(own.depth), int))
+
+
+def _operating(
+    chosen: Method,
+    cut: Regeneration,
+    point: tuple[float, float],
+    own: Crossings,
+    columns: Columns,
+    best: tuple,
+    spread: Spread | None,
+    cutter: Cutter,
+) -> OperatingPoint:
+    def others() -> list[tuple[str, float]]:
+        """Cutters of other teeth or with a helix, and their limits at the speed of the point."""
+        wound = replace(cut, wind=float(np.tan(HELIX)) / cutter.radius)
+        tried = [(f"a cutter of {n} teeth" if n > 1 else "a cutter of one tooth", replace(cut, teeth=n, pitch=None))
+                 for n in (cut.teeth + 1, cut.teeth - 1) if n]  # fmt: skip
+        if cut.wind < wound.wind / 2:
+            tried.append((f"a helix of {np.degrees(HELIX):.0f} deg", wound))
+        found = []
+        for what, other in tried:
+            depth = edge_table(chosen.solve(np.array([point[0]]), other, lambda share: None).edges, 1)[0, 0]
+            found.append((what, float(depth)))
+        return sorted(found, key=lambda one: -one[1])
+
+    limit = float(edge_table(own, 1)[0, 0])
+    return judged(point, own, limit, columns, best, spread, others if chosen.name == "floquet" else None)
+
+
+def _lobes(first: Crossings, speeds: np.ndarray, teeth: int) -> np.ndarray:
+    """Whole waves between two teeth, -1 where there is no limit."""
+    waves = first.frequency * 2 * np.pi / (teeth * speeds)
+    return np.where(first.loses, np.floor(np.where(first.loses, waves, 0.0) + 1e-9), -1).astype(int)
+
+
+def _minimum(chosen: Method, cut: Regeneration, limit: np.ndarray, frequency: np.ndarray) -> tuple[float, float]:
+    """The lowest limit: of every speed where the method knows it, else of those of the map."""
+    if chosen.minimum is not None:
+        return chosen.minimum(cut)
+    i = int(np.argmin(limit))
+    return float(limit[i]), float(frequency[i])
+
+
+def _torque_per_depth(law, cutter: Cutter, conditions: CuttingConditions) -> float | None:
+    """Mean torque over the axial depth, N; None without a law or a feed."""
+    if law is None or not conditions.feed_per_tooth > 0:
+        return None
+    depth = cutter.diameter / 4  # the offset winds with the helix, so that the torque is not quite in proportion to it
+    return mean_torque(law, cutter, replace(conditions, axial_depth=depth)) / depth
+
+
+def _picture(limit: np.ndarray, deepest: float, asked: Asked) -> float:
+    """How deep a picture of the map goes, m."""
+    if np.isfinite(deepest):
+        return deepest
+    found = limit[np.isfinite(limit)]
+    most = min(DEEPER * found.max(), OVER_MINIMUM * found.min()) if len(found) else 0.0
+    return float(max(most, 1.5 * asked.least_depth)) or 10e-3
+
+
+def _probabilities(
+    spread: Spread | None, speeds: np.ndarray, wanted: bool | int, deepest: float
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Depths and P_stable over them, (depth,) and (depth, speed)."""
+    if spread is None or not wanted:
+        return None
+    many = DEPTHS if wanted is True else int(wanted)
+    depth = deepest * np.arange(1, many + 1) / many
+    return depth, spread.share(depth, speeds)
+
+
+def _held_against(tests: CutTests, speeds: np.ndarray, chosen: Method, cut: Regeneration) -> list[Notice]:
+    """Which cuts went as the map says."""
+    if not len(tests.stable):
+        return []
+    at = tests.spindle_speed
+    if not chosen.refine[0]:  # a method too dear for speeds of their own
+        at = speeds[np.argmin(np.abs(speeds - at[:, np.newaxis]), axis=1)]
+    own, where = np.unique(at, return_inverse=True)
+    table = edge_table(chosen.solve(own, cut, lambda share: None).edges, len(own))[where]
+    wrong = np.flatnonzero(is_stable(table, tests.axial_depth) != tests.stable.astype(bool))
+    what = f"{len(at) - len(wrong)} of {len(at)} test cuts went as the map says"
+    if not len(wrong):
+        return [Notice("tests", what, tests.name, "note")]
+    cuts = [
+        f"{to_shop(tests.spindle_speed[i], 'x_rpm'):.0f} rpm {to_shop(tests.axial_depth[i], 'x_mm'):.3g} mm "
+        f"{'was stable' if tests.stable[i] else 'chattered'}"
+        for i in wrong[:3]
+    ]
+    more = f" and {len(wrong) - 3} more" if len(wrong) > 3 else ""
+    return [Notice("tests", f"{what}; not {', '.join(cuts)}{more}", tests.name)]
+
+
+def _simulated(
+    dynamics: Frf | Modes,
+    asked: Asked,
     speeds: np.ndarray,
-    limit: Limit,
-    mean: np.ndarray,
-    draws: np.ndarray | None,
-    members: int,
-    progress: Callable[[float], None],
-) -> np.ndarray:
-    """1/b of every draw of the coefficients at every speed.   returns (member, speed) 1/m"""
-    if draws is None:
-        return np.tile(1 / limit.depth, (members, 1))
-    ratio = draws[:, 1] / draws[:, 0]
-    # Quantiles, so that a far draw of few cuts' long tails does not stretch the grid; closer at the ends, where the band is.
-    nodes = np.unique(np.quantile(ratio, (1 - np.cos(np.linspace(0, np.pi, RATIOS))) / 2))
-    table = np.empty((len(nodes), len(speeds)))  # 1/b for K_tc = that of the mean
-    for i, node in enumerate(nodes):
-        progress(i / len(nodes))
-        table[i] = 1 / solve(speeds, cutting(mean[0], mean[0] * node)).depth
-    right = np.clip(np.searchsorted(nodes, ratio), 1, max(len(nodes) - 1, 1)) % len(nodes)
-    left = np.maximum(right - 1, 0)
-    share = (ratio - nodes[left]) / np.where(right > left, nodes[right] - nodes[left], 1.0)
-    share = np.clip(share, 0.0, 1.0)[:, np.newaxis]
-    return (table[left] * (1 - share) + table[right] * share) * (draws[:, :1] / mean[0])
+    grid: tuple[int, int],
+    deepest: float,
+    progress: Callable[[float, str], None],
+) -> tuple[SimulatedCuts | None, list[Notice]]:
+    """Cuts of the time domain on a grid over the map."""
+    from millcal.stages.stability.time_domain import simulated_cuts
+
+    if not isinstance(dynamics, Modes):
+        raise IllPosedError("stability.simulate: the time domain needs modes; fit them first (millcal modes)")
+    if asked.feed_per_tooth is None:
+        raise IllPosedError("stability.feed_per_tooth_mm: the time domain cuts chips, so it needs the feed; give it")
+    kte, kre = asked.edge or (0.0, 0.0)
+    many, deep = grid
+    speed, depth = np.meshgrid(
+        np.linspace(speeds[0], speeds[-1], many), deepest * np.arange(1, deep + 1) / deep, indexing="ij"
+    )
+    found, notices = simulated_cuts(
+        poles_of_modes(dynamics).tip,
+        asked.cut,
+        speed.ravel(),
+        depth.ravel(),
+        feed_per_tooth=asked.feed_per_tooth,
+        kte=kte,
+        kre=kre,
+        runout=asked.runout,
+        progress=lambda share: progress(0.92 + 0.08 * share, "cuts"),
+    )
+    return found, list(notices)
 
 
-def _depth_of(inverse: np.ndarray) -> np.ndarray:
-    """b from 1/b, inf where 1/b is not positive."""
-    return np.where(inverse > 0, 1 / np.where(inverse > 0, inverse, 1.0), np.inf)
-
-
-def _pockets(depth_at: Callable[[np.ndarray], np.ndarray], speeds: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """Speeds at which speed times limit has its highest local maxima, each found finer than the grid.   returns (pocket,)"""
-    rate = np.where(np.isfinite(depth), depth * speeds, -np.inf)
-    padded = np.concatenate([[-np.inf], rate, [-np.inf]])
-    top = np.flatnonzero((rate >= padded[:-2]) & (rate > padded[2:]) & np.isfinite(rate))
-    top = top[np.argsort(-rate[top], kind="stable")][: 2 * POCKETS]  # the band may change the order
-    low, high = speeds[np.maximum(top - 1, 0)], speeds[np.minimum(top + 1, len(speeds) - 1)]
-    best = speeds[top]
-    if not len(top):
-        return best
-    for _ in range(3):
-        fine = low + (high - low) * np.linspace(0, 1, 21)[:, np.newaxis]  # (21, pocket)
-        fine[10] = best
-        fine.sort(axis=0)
-        found = depth_at(fine.ravel()).reshape(fine.shape) * fine
-        i, pocket = np.argmax(np.where(np.isfinite(found), found, -np.inf), axis=0), np.arange(len(top))
-        best = fine[i, pocket]
-        low, high = fine[np.maximum(i - 1, 0), pocket], fine[np.minimum(i + 1, len(fine) - 1), pocket]
-    return best
-
-
-def _geometry_notices(pitch: Sequence[float] | None, teeth: int, swept: float) -> list[Notice]:
-    """What the zero-order theory leaves out of this cutter and this engagement."""
-    notices = []
-    if pitch is not None and np.ptp(pitch) > 1e-6:
-        notices.append(
-            Notice(
-                "mean-pitch",
-                "the zero-order limit knows one pitch: the mean is used, and what the unequal pitch gains or loses is not shown",
-            )
-        )
-    in_cut = teeth * swept / (2 * np.pi)
-    if in_cut < 0.5:
-        notices.append(
-            Notice(
-                "flip-lobes",
-                f"{in_cut:.2f} teeth cut on average: period doubling, which the zero-order theory leaves out, can halve the "
-                "limit at some speeds; test deep pockets with a shallower cut first",
-            )
-        )
-    return notices
-
-
-def _band_notices(tip: Tip, speeds: np.ndarray, nominal: np.ndarray, depth: np.ndarray) -> list[Notice]:
-    """Where the usable band of the FRF may hide a lower limit."""
-    notices = []
-    if tip.band is None:
-        return notices
-    band = f"{tip.band[0]:.0f} to {tip.band[1]:.0f} Hz, {tip.band_of}"
-    none = int(np.count_nonzero(np.isinf(depth)))
-    if none:
-        what = f"{none} of {len(depth)} speeds have no chatter frequency from {band}; what limits them is not shown"
-        notices.append(Notice("band-limited", what))
-    if tip.beyond is not None:
-        beyond = tip.beyond(speeds, nominal)
-        lower = (beyond.depth < 0.95 * depth) & (beyond.frequency > tip.band[1])
-        if lower.any():
-            at = np.median(beyond.frequency[lower])
-            what = (
-                f"limits count chatter from {band}; lines above it, if they can be trusted, lower the limit at "
-                f"{np.count_nonzero(lower)} of {len(depth)} speeds, by chatter about {at:.0f} Hz; hit with a harder tip"
-            )
-            notices.append(Notice("band-limited", what))
-    return notices
+def _once(notices: list[Notice]) -> tuple[Notice, ...]:
+    """Each notice once, in their order."""
+    return tuple({(notice.code, notice.where, notice.message): notice for notice in notices}.values())
 
 
 def _feed_notices(feed_per_tooth: float | None) -> list[Notice]:
@@ -300,16 +393,3 @@ def _feed_notices(feed_per_tooth: float | None) -> list[Notice]:
             "stability.feed_per_tooth_mm",
         )
     ]
-
-
-def zero_order_tip(dynamics: Frf | Modes, speeds: np.ndarray, teeth: int, rigid: str) -> Tip:
-    """The zero-order method on modes or on the lines of an FRF.
-
-    speeds : rad/s, among them the lowest and the highest that will be asked   rigid : axes that may be missing
-    """
-    if isinstance(dynamics, Modes):
-        return tip_of_modes(dynamics, speeds, teeth, rigid)
-    return tip_of_lines(dynamics, teeth, rigid)
-
-
-METHODS: dict[str, Callable[..., Tip]] = {"zoa": zero_order_tip}

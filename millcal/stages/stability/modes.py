@@ -24,7 +24,6 @@ from millcal.physics.stability import regeneration, zero_order
 from millcal.physics.stability.regeneration import TipModes
 from millcal.stages.stability.tip import (
     Lines,
-    Solver,
     Tip,
     absorbs_power,
     at_tip,
@@ -160,12 +159,9 @@ def _fitted(record: Modes, fit: ModalFit, speeds: np.ndarray, teeth: int, rigid:
 
     notices += _missed(fit, places, point)
 
-    def draws(rng: np.random.Generator, n: int) -> Iterator[Solver]:
+    def draws(rng: np.random.Generator, n: int) -> Iterator[TipModes]:
         for parts in _drawn(fitted, fit, rng, n):
-            drawn = dynamics(*parts)
-            yield lambda speed, cutting, drawn=drawn: zero_order.limit_along(
-                speed, zero_order.oriented(drawn, cutting, halvings=8), teeth
-            )
+            yield regeneration.tip_of_residues(*parts)
 
     if not fitted.known_errors:
         notices.append(Notice("no-band", "the modes carry no interval, so the limit has no band from them", where))
@@ -176,6 +172,7 @@ def _fitted(record: Modes, fit: ModalFit, speeds: np.ndarray, teeth: int, rigid:
         band=(float(tip.grid[0]), float(tip.grid[-1])) if limited else None,
         band_of="the band of the modal fit and a little beyond",
         draws=draws if fitted.known_errors else None,
+        remainder=(fitted.remainder, fit.remainder_power.astype(int)),
     )
 
 

@@ -1,4 +1,4 @@
-"""What the stability map asks of the tip of the tool, and what lines and modes have in common in answering.
+"""What the zero-order method asks of the tip of the tool, and what lines and modes have in common in answering.
 
 The driving points along x and y at one point are found by the last letter of their dofs, and their sign is checked, because
 a receptance with the wrong sign still gives a map, only of another machine.
@@ -12,6 +12,7 @@ import numpy as np
 
 from millcal.data import Notice
 from millcal.errors import IllPosedError
+from millcal.physics.stability.regeneration import TipModes
 from millcal.physics.stability.zero_order import Limit
 
 FEWEST_LINES = 8  # of an FRF in its usable band: fewer are no curve
@@ -24,7 +25,7 @@ Solver = Callable[[np.ndarray, np.ndarray], Limit]  # spindle speed (speed,), cu
 
 @dataclass(frozen=True, eq=False)
 class Tip:
-    """What the map asks of a structure, with the method already chosen."""
+    """A structure that the zero-order method can be asked about."""
 
     solve: Solver
     minimum: Callable[[np.ndarray], tuple[float, float]]  # cutting matrix -> depth m, frequency Hz
@@ -33,9 +34,8 @@ class Tip:
     band: tuple[float, float] | None = None  # Hz, of the lines
     band_of: str = "the usable band of the FRF"
     beyond: Solver | None = None  # with the lines above the band, which are not to be trusted
-    draws: Callable[[np.random.Generator, int], Iterator[Solver]] | None = (
-        None  # the structure as it may be, if modes know
-    )
+    draws: Callable[[np.random.Generator, int], Iterator[TipModes]] | None = None  # as it may be, if modes know;
+    remainder: tuple[np.ndarray, np.ndarray] | None = None  # beside them: (remainder, 2, 2), and its powers of s
 
 
 class Lines(NamedTuple):

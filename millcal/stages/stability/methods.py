@@ -1,0 +1,340 @@
+"""The methods of the stability map, each put on a structure: zoa, floquet, frf, time-domain.
+
+zoa takes the mean of the cutting force over a revolution: fast, exact where many teeth cut at once, blind to period doubling.
+floquet follows the waves through the cut with poles of the tip, so it needs modes. frf does the same with the lines of a
+measured FRF and no model. time-domain cuts chip by chip, so that a tooth may leave the cut; it is slow and needs modes.
+
+How deep the last three look is taken from what zoa says of the same structure, if nobody says it.
+"""
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+
+from millcal.data import Frf, Modes, Notice
+from millcal.errors import IllPosedError
+from millcal.physics.stability import zero_order
+from millcal.physics.stability.regeneration import HOPF, Crossings, Regeneration, TipModes
+from millcal.physics.stability.stable_depths import edge_table, edges_of
+from millcal.stages.stability.lines import tip_of_lines
+from millcal.stages.stability.method import Asked, Method, Progress, Sampling, Solution
+from millcal.stages.stability.modes import poles_of_modes, tip_of_modes
+from millcal.stages.stability.spread import joined
+from millcal.stages.stability.tip import Tip
+from millcal.units import to_shop
+
+RATIOS = 41  # K_rc / K_tc at which the zero-order limit is solved exactly for the band
+FLOQUET_RATIOS = 13
+FRF_RATIOS = 5
+STRUCTURES = 1000  # draws of fitted modes, at most: of zoa
+FLOQUET_STRUCTURES = 200
+BAND_SPEEDS = 120  # speeds of the band of the slower methods
+LOOKED = 200  # speeds at which zoa is asked how deep to look
+DEEPER = 1.25  # times the deepest pockets of zoa
+OVER_MINIMUM = 12.0  # times its lowest limit, at most: pockets deeper than that are for no cutter
+DISAGREE = 0.2  # share by which two methods may differ before it is told
+
+
+def zoa(dynamics: Frf | Modes, asked: Asked) -> Method:
+    """The zero-order approximation."""
+    cut = asked.cut
+    tip = _zero_order_tip(dynamics, asked)
+    deepest = np.inf if asked.deepest is None else asked.deepest
+
+    def solve(speeds: np.ndarray, cut: Regeneration, progress: Progress) -> Solution:
+        matrix = _mean_matrix(cut)
+        limit = tip.solve(speeds, matrix)
+        found = np.flatnonzero(limit.depth < deepest)
+        kind, loses = np.full(len(found), HOPF), np.ones(len(found), bool)
+        edges = Crossings(found, limit.depth[found], kind, limit.frequency[found], loses)
+        # The noise of the lines is asked for with the mean of the coefficients alone.
+        noise = None if tip.inverse_sd is None or cut != asked.cut else tip.inverse_sd(speeds, matrix, limit)
+        return Solution(edges, edges, noise)
+
+    def draw(sampling: Sampling) -> np.ndarray:
+        assert tip.draws is not None
+        assert tip.remainder is not None
+        many = min(sampling.members, STRUCTURES)
+        depth = zero_order.limits_of_draws(
+            sampling.speeds,
+            list(tip.draws(sampling.rng, many)),
+            np.array([_mean_matrix(drawn) for drawn in _cuts(cut, sampling.draws, many)]),
+            cut.teeth,
+            remainder=tip.remainder[0],
+            remainder_power=tip.remainder[1].tolist(),
+            band=tip.band,
+            progress=sampling.progress,
+        )
+        return depth[:, :, np.newaxis]
+
+    return Method(
+        name="zoa",
+        solve=solve,
+        deepest=deepest,
+        minimum=lambda cut: tip.minimum(_mean_matrix(cut)),
+        ratios=RATIOS,
+        draw=None if tip.draws is None else draw,
+        told=lambda speeds, solution: _band_notices(tip, speeds, _mean_matrix(cut), solution),
+        notices=(*tip.notices, *_left_out_by_zero_order(cut)),
+    )
+
+
+def floquet(dynamics: Frf | Modes, asked: Asked) -> Method:
+    """Multipliers of the tooth period, from the poles of the tip."""
+    from millcal.physics.stability import floquet as physics
+
+    modes = _modes(dynamics, "floquet")
+    first = zoa(modes, asked)
+    poles = poles_of_modes(modes)
+    deepest, notices = _look_to(first, asked)
+
+    def solution(tip: TipModes, speeds: np.ndarray, cut: Regeneration, progress: Progress) -> Solution:
+        found = physics.boundary(speeds, tip, cut, deepest=deepest, progress=progress)
+        return Solution(found, edges_of(found, complete=True))
+
+    def draw(sampling: Sampling) -> np.ndarray:
+        assert poles.draws is not None
+        many = min(sampling.members, FLOQUET_STRUCTURES)
+        tables = []
+        cuts = _cuts(asked.cut, sampling.draws, many)
+        for i, (tip, cut) in enumerate(zip(poles.draws(sampling.rng, many), cuts, strict=True)):
+            sampling.progress(i / many)
+            found = solution(tip, sampling.speeds, cut, lambda share: None)
+            tables.append(edge_table(found.edges, len(sampling.speeds)))
+        return joined(tables)
+
+    def check(speeds: np.ndarray, cut: Regeneration) -> Crossings:
+        return edges_of(physics.all_crossings(speeds, poles.tip, cut, deepest=deepest), complete=True)
+
+    return Method(
+        name="floquet",
+        solve=lambda speeds, cut, progress: solution(poles.tip, speeds, cut, progress),
+        deepest=deepest,
+        refine=(2, 9),
+        ratios=0 if asked.cut.wind or asked.cut.indentation else FLOQUET_RATIOS,
+        draw=None if poles.draws is None else draw,
+        band_speeds=BAND_SPEEDS,
+        check=check,
+        told=lambda speeds, solution: _against(first, asked.cut, speeds, solution, deepest, "floquet"),
+        notices=(*_of_the_structure(first), *poles.notices, *notices, *_left_out_by_floquet(asked.cut)),
+    )
+
+
+def frf(dynamics: Frf | Modes, asked: Asked) -> Method:
+    """The same as floquet with the lines of an FRF instead of poles."""
+    from millcal.stages.stability.from_frf import crossings_of_frf
+
+    if not isinstance(dynamics, Frf):
+        raise IllPosedError(
+            "stability.method: frf stands on the lines of a measured FRF, and there are only modes; give an FRF, or use floquet"
+        )
+    cut = asked.cut
+    for wrong, what in (
+        (not cut.equal_pitch, "unequal pitch"),
+        (cut.wind, "a helix"),
+        (cut.indentation, "process damping"),
+    ):
+        if wrong:
+            raise IllPosedError(
+                f"stability.method: frf knows nothing of {what}; fit modes (millcal modes) and use floquet, or leave it out"
+            )
+    first = zoa(dynamics, asked)
+    deepest, notices = _look_to(first, asked)
+
+    def solve(speeds: np.ndarray, cut: Regeneration, progress: Progress) -> Solution:
+        found, low, high, told = crossings_of_frf(
+            dynamics, speeds, cut, deepest=deepest, rigid=asked.rigid, progress=progress
+        )
+        noise = None
+        if low is not None and high is not None:
+            with np.errstate(invalid="ignore", divide="ignore"):
+                noise = np.nan_to_num((1 / low - 1 / high) / (2 * 1.96), posinf=0.0, neginf=0.0)
+        return Solution(found, edges_of(found, complete=True), noise, notices=tuple(told))
+
+    return Method(
+        name="frf",
+        solve=solve,
+        deepest=deepest,
+        refine=(1, 9),
+        ratios=FRF_RATIOS,
+        band_speeds=BAND_SPEEDS,
+        told=lambda speeds, solution: _against(first, cut, speeds, solution, deepest, "frf"),
+        notices=(*_of_the_structure(first), *notices),
+    )
+
+
+def time_domain(dynamics: Frf | Modes, asked: Asked) -> Method:
+    """Cuts simulated chip by chip; the limit is where one of them chatters."""
+    from millcal.stages.stability.time_domain import crossings_in_time
+
+    modes = _modes(dynamics, "time-domain")
+    if asked.feed_per_tooth is None:
+        raise IllPosedError("stability.feed_per_tooth_mm: the time domain cuts chips, so it needs the feed; give it")
+    feed, (kte, kre) = asked.feed_per_tooth, asked.edge or (0.0, 0.0)
+    first = zoa(modes, asked)
+    poles = poles_of_modes(modes)
+    deepest, notices = _look_to(first, asked)
+
+    def solve(speeds: np.ndarray, cut: Regeneration, progress: Progress) -> Solution:
+        found, simulated, told = crossings_in_time(
+            poles.tip, cut, speeds, deepest=deepest, feed_per_tooth=feed, kte=kte, kre=kre, runout=asked.runout,
+            progress=progress,
+        )  # fmt: skip
+        return Solution(found, edges_of(found), simulated=simulated, notices=tuple(told))
+
+    return Method(
+        name="time-domain",
+        solve=solve,
+        deepest=deepest,
+        refine=(0, 0),
+        told=lambda speeds, solution: _against(first, asked.cut, speeds, solution, deepest, "time-domain"),
+        notices=(
+            *_of_the_structure(first),
+            *poles.notices,
+            *notices,
+            Notice("no-band", "the time domain gives a line: what is uncertain is not drawn", level="note"),
+        ),
+    )
+
+
+def _zero_order_tip(dynamics: Frf | Modes, asked: Asked) -> Tip:
+    if isinstance(dynamics, Modes):
+        return tip_of_modes(dynamics, np.array(asked.speeds), asked.cut.teeth, asked.rigid)
+    return tip_of_lines(dynamics, asked.cut.teeth, asked.rigid)
+
+
+def _mean_matrix(cut: Regeneration) -> np.ndarray:
+    return zero_order.mean_cutting_matrix(cut.ktc, cut.krc, teeth=cut.teeth, entry=cut.entry, leave=cut.leave)
+
+
+def _cuts(cut: Regeneration, draws: np.ndarray | None, many: int) -> Iterable[Regeneration]:
+    """The cut with each draw of the coefficients."""
+    if draws is None:
+        return [cut] * many
+    return [cut.with_force(float(ktc), float(krc)) for ktc, krc in draws[np.arange(many) % len(draws)]]
+
+
+def _modes(dynamics: Frf | Modes, method: str) -> Modes:
+    if isinstance(dynamics, Modes):
+        return dynamics
+    raise IllPosedError(
+        f"stability.method: {method} follows modes, and there is only an FRF; fit them first (millcal modes), or use frf"
+    )
+
+
+def _look_to(first: Method, asked: Asked) -> tuple[float, list[Notice]]:
+    """How deep to look: as asked, else past the deepest pockets of the zero-order limit, the operating point and the tests."""
+    if asked.deepest is not None:
+        return asked.deepest, []
+    low, high = asked.speeds
+    found = first.solve(np.linspace(low, high, LOOKED), asked.cut, lambda share: None).edges.depth
+    wanted = [1.5 * asked.least_depth]
+    if len(found):
+        wanted.append(min(DEEPER * float(found.max()), OVER_MINIMUM * float(found.min())))
+    deepest = max(wanted)
+    if not deepest > 0:
+        raise IllPosedError(
+            "stability.deepest_mm: the zero-order limit is nowhere, so nothing says how deep to look; give the depth"
+        )
+    what = f"looked for limits down to {_mm(deepest)} mm, past the deepest pockets of the zero-order limit; deepest_mm sets it"
+    return deepest, [Notice("deepest", what, "stability.deepest_mm", "note")]
+
+
+def _of_the_structure(first: Method) -> tuple[Notice, ...]:
+    """What was said of the structure, without what the zero-order method says of itself."""
+    return tuple(notice for notice in first.notices if notice.code not in ZERO_ORDER_CODES)
+
+
+def _against(
+    first: Method, cut: Regeneration, speeds: np.ndarray, solution: Solution, deepest: float, name: str
+) -> list[Notice]:
+    """Where the first limit is another than that of the zero-order method."""
+    own, other = (
+        np.minimum(edge_table(edges, len(speeds))[:, 0], deepest)
+        for edges in (solution.edges, first.solve(speeds, cut, lambda share: None).edges)
+    )
+    apart = np.abs(np.log(own / other))
+    many = int(np.count_nonzero(apart > np.log1p(DISAGREE)))
+    if not many:
+        return []
+    i = int(np.argmax(apart))
+    what = (
+        f"{name} and the zero-order limit differ by more than {DISAGREE:.0%} at {many} of {len(speeds)} speeds, most at "
+        f"{to_shop(speeds[i], 'x_rpm'):.0f} rpm, where {name} says {_mm(own[i])} and zero order {_mm(other[i])} mm"
+    )
+    return [Notice("methods-disagree", what, level="note")]
+
+
+ZERO_ORDER_CODES = ("mean-pitch", "flip-lobes", "no-process-damping")
+
+
+def _left_out_by_zero_order(cut: Regeneration) -> list[Notice]:
+    """What the zero-order theory leaves out of this cutter and this engagement."""
+    notices = []
+    if not cut.equal_pitch:
+        notices.append(
+            Notice(
+                "mean-pitch",
+                "the zero-order limit knows one pitch: the mean is used, and what the unequal pitch gains or loses is not shown "
+                "(method floquet shows it)",
+            )
+        )
+    if cut.in_cut < 0.5:
+        notices.append(
+            Notice(
+                "flip-lobes",
+                f"{cut.in_cut:.2f} teeth cut on average: period doubling, which the zero-order theory leaves out, can halve the "
+                "limit at some speeds; methods floquet and frf show where, else test deep pockets with a shallower cut first",
+            )
+        )
+    if cut.indentation:
+        what = "the zero-order limit knows no process damping; method floquet does"
+        notices.append(Notice("no-process-damping", what, "stability"))
+    return notices
+
+
+def _left_out_by_floquet(cut: Regeneration) -> list[Notice]:
+    notices = []
+    if cut.in_cut < 0.5:
+        what = (
+            "a tooth that leaves the cut is outside the linear theory: beside a limit a cut may go on chattering that a knock "
+            "has begun (method time-domain)"
+        )
+        notices.append(Notice("loss-of-contact", what, level="note"))
+    return notices
+
+
+def _band_notices(tip: Tip, speeds: np.ndarray, nominal: np.ndarray, solution: Solution) -> list[Notice]:
+    """Where the usable band of the FRF may hide a lower limit."""
+    notices: list[Notice] = []
+    if tip.band is None:
+        return notices
+    depth = edge_table(solution.edges, len(speeds))[:, 0]
+    band = f"{tip.band[0]:.0f} to {tip.band[1]:.0f} Hz, {tip.band_of}"
+    none = int(np.count_nonzero(np.isinf(depth)))
+    if none:
+        what = f"{none} of {len(depth)} speeds have no chatter frequency from {band}; what limits them is not shown"
+        notices.append(Notice("band-limited", what))
+    if tip.beyond is not None:
+        beyond = tip.beyond(speeds, nominal)
+        lower = (beyond.depth < 0.95 * depth) & (beyond.frequency > tip.band[1])
+        if lower.any():
+            at = np.median(beyond.frequency[lower])
+            what = (
+                f"limits count chatter from {band}; lines above it, if they can be trusted, lower the limit at "
+                f"{np.count_nonzero(lower)} of {len(depth)} speeds, by chatter about {at:.0f} Hz; hit with a harder tip"
+            )
+            notices.append(Notice("band-limited", what))
+    return notices
+
+
+def _mm(depth: float) -> str:
+    return f"{to_shop(depth, 'x_mm'):.3g}"
+
+
+METHODS: dict[str, Callable[[Frf | Modes, Asked], Method]] = {
+    "zoa": zoa,
+    "floquet": floquet,
+    "frf": frf,
+    "time-domain": time_domain,
+}

@@ -1,0 +1,164 @@
+"""The operating point on a map: stable or not, by how much, and what would make it better.
+
+Advice is what the map shows with numbers and nothing else: another speed, another depth, the pocket worth moving to, and where
+the cut doubles its period a cutter that does not. It is ranked by the metal it removes. A depth counts as safe at the lower end of
+the band, or without one at nine tenths of the limit.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from millcal.data import BestSpeed, OperatingPoint
+from millcal.physics.stability.regeneration import KINDS, Crossings
+from millcal.physics.stability.stable_depths import edge_table, is_stable
+from millcal.stages.stability.spread import Spread
+from millcal.units import to_shop
+
+SAFE = 0.9  # of the limit, where there is no band
+WORTH = 1.1  # times as much metal as now: less is not worth a change
+STEPS = 17  # speeds in the search for the end of a stable stretch
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """A map as the operating point sees it."""
+
+    speed: np.ndarray  # (speed,) rad/s, ascending
+    edges: np.ndarray  # of the stable set, (speed, edge) m
+    runnable: np.ndarray  # depth that is safe below the first limit, (speed,) m
+    solve: (
+        Callable[[np.ndarray], np.ndarray] | None
+    )  # speeds (n,) -> edges (n, edge): for what lies between; None: too dear
+
+
+def judged(
+    point: tuple[float, float],
+    crossings: Crossings,
+    limit: float,
+    columns: Columns,
+    best: tuple[BestSpeed, ...],
+    spread: Spread | None,
+    others: Callable[[], list[tuple[str, float]]] | None = None,
+) -> OperatingPoint:
+    """The record of an operating point.
+
+    point : rad/s, m   crossings : edges of the stable set at its speed   limit : the first of them, m, inf where none
+    others : cutters that may do better, each with its limit at that speed, asked for where the period doubles
+    """
+    speed, depth = point
+    table = edge_table(crossings, 1)
+    stable = bool(is_stable(table, np.array([depth]))[0])
+    # What bounds a stable depth from above, or what an unstable one lies beyond.
+    bounding = np.flatnonzero(crossings.loses & ((crossings.depth > depth) == stable))
+    i = None if not len(bounding) else int(bounding[0] if stable else bounding[-1])
+    kind = "" if i is None else KINDS[int(crossings.kind[i])]
+    band = None if spread is None else spread.band(np.array([speed]))[:, 0]
+    low = min(float(band[0]), limit) if band is not None else SAFE * limit
+    p_stable = None if spread is None else spread.at(speed, depth)
+    return OperatingPoint(
+        spindle_speed=speed,
+        axial_depth=depth,
+        limit=limit,
+        stable=stable,
+        kind=kind,  # type: ignore[arg-type]
+        chatter_frequency=np.nan if i is None else float(crossings.frequency[i]),
+        limit_interval=None if band is None else (low, max(float(band[1]), limit)),
+        p_stable=p_stable,
+        speed_margin=_margin(point, columns) if stable else None,
+        advice=tuple(_advice(point, stable, kind, low, limit, columns, best, spread, others)),
+    )
+
+
+def _margin(point: tuple[float, float], columns: Columns) -> tuple[float, float]:
+    """By how much the speed may fall and rise before the depth chatters, or the map ends.   rad/s"""
+    speed, depth = point
+    stable = is_stable(columns.edges, np.full(len(columns.speed), depth))
+    below, above = columns.speed[::-1] < speed, columns.speed > speed
+    ends = []
+    for ordered, fine in ((columns.speed[::-1][below], stable[::-1][below]), (columns.speed[above], stable[above])):
+        bad = np.flatnonzero(~fine)
+        if not len(bad):
+            ends.append(float(abs(ordered[-1] - speed)) if len(ordered) else 0.0)
+            continue
+        last = speed if bad[0] == 0 else float(ordered[bad[0] - 1])
+        ends.append(abs(_last_stable(last, float(ordered[bad[0]]), depth, columns) - speed))
+    return ends[0], ends[1]
+
+
+def _last_stable(good: float, bad: float, depth: float, columns: Columns) -> float:
+    """The last stable speed on the way from one that is stable to one that is not."""
+    if columns.solve is None:
+        return good
+    between = np.linspace(good, bad, STEPS)[1:-1]
+    stable = is_stable(columns.solve(between), np.full(len(between), depth))
+    first = np.flatnonzero(~stable)
+    return float(([good, *between])[first[0] if len(first) else len(between)])
+
+
+def _advice(
+    point: tuple[float, float],
+    stable: bool,
+    kind: str,
+    safe: float,
+    limit: float,
+    columns: Columns,
+    best: tuple[BestSpeed, ...],
+    spread: Spread | None,
+    others: Callable[[], list[tuple[str, float]]] | None,
+) -> list[str]:
+    speed, depth = point
+    surely = "stable with 97.5 %" if spread is not None else f"{SAFE:.0%} of the limit"
+    found: list[tuple[float, str]] = []  # removal against now, what to do
+    if not stable or depth > safe:
+        for turn in (1, -1):
+            if (at := _nearest_safe(point, columns, turn)) is not None:
+                to, runnable = at
+                verb = "raise" if to > speed else "lower"
+                what = f"{verb} the speed to {_rpm(to)} ({to / speed - 1:+.1%}): there {_mm(runnable)} mm are {surely}"
+                found.append((to / speed, what))
+        if 0 < safe < depth and np.isfinite(safe):
+            found.append((safe / depth, f"reduce the depth to {_mm(safe)} mm ({surely})"))
+        if kind == "flip" and others is not None:
+            for what, reached in others():
+                if SAFE * reached > depth:
+                    found.append((0.0, f"{what}: limit {_limit(reached)} mm at this speed"))
+    elif np.isfinite(safe) and safe > WORTH * depth:
+        found.append((safe / depth, f"there is room: {_mm(safe)} mm are {surely} at this speed"))
+    pocket = best[0] if best else None
+    if pocket is not None:
+        run = pocket.safe_depth if pocket.safe_depth is not None else SAFE * pocket.axial_depth
+        rate = pocket.spindle_speed * run / (speed * depth)
+        if rate > WORTH * max([1.0, *(gain for gain, _ in found)]):
+            where = f"{_rpm(pocket.spindle_speed)} and {_mm(run)} mm ({surely})"
+            found.append((rate, f"the best pocket is {where}: {rate:.3g} times the metal"))
+    return [what for _, what in sorted(found, key=lambda one: -one[0])]
+
+
+def _nearest_safe(point: tuple[float, float], columns: Columns, turn: int) -> tuple[float, float] | None:
+    """The top of the nearest stretch of speeds, upwards or downwards, that holds the depth.   returns rad/s, m"""
+    speed, depth = point
+    beyond = np.flatnonzero((columns.speed - speed) * turn > 0)[::turn]
+    safe = columns.runnable[beyond] >= depth
+    if not safe.any():
+        return None
+    start = int(np.argmax(safe))
+    stop = start + int(np.argmin(np.append(safe[start:], False)))
+    stretch = beyond[start:stop]
+    top = columns.runnable[stretch]
+    widest = np.flatnonzero(top >= top.max() * (1 - 1e-9))
+    i = stretch[widest[len(widest) // 2]]
+    return float(columns.speed[i]), float(columns.runnable[i])
+
+
+def _rpm(speed: float) -> str:
+    return f"{to_shop(speed, 'x_rpm'):.0f} rpm"
+
+
+def _mm(depth: float) -> str:
+    return f"{to_shop(depth, 'x_mm'):.3g}"
+
+
+def _limit(depth: float) -> str:
+    return "none that was looked for" if np.isinf(depth) else _mm(depth)

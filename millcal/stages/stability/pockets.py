@@ -1,0 +1,102 @@
+"""The best speeds of a map: where depth times speed has its tops, and what the spindle gives for them.
+
+Only depths below the first limit count: a stable island above one is reached through chatter. Where a method looked as far
+as it looks and found no limit, the pocket is that deep at least, and its middle is the speed that is farthest from both walls.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from millcal.data import BestSpeed
+from millcal.stages.stability.spread import Spread
+
+POCKETS = 5  # best speeds told
+
+
+def pockets(
+    depth_at: Callable[[np.ndarray], np.ndarray],
+    speeds: np.ndarray,
+    depth: np.ndarray,
+    deepest: float,
+    refine: tuple[int, int],
+) -> np.ndarray:
+    """Speeds at which speed times limit has its highest local maxima, each found finer than the grid.
+
+    depth_at : speeds (n,) -> first limit (n,), for `refine`: rounds, and speeds in each   depth : at the speeds, (speed,)
+    deepest : where no limit is found it is at least that   returns (pocket,) rad/s
+    """
+    open_ended = np.isinf(depth) & np.isfinite(deepest)
+    middle = _middles(speeds, open_ended)
+    rate = np.where(np.isfinite(depth), depth * speeds, np.where(open_ended, deepest * middle, -np.inf))
+    padded = np.concatenate([[-np.inf], rate, [-np.inf]])
+    top = np.flatnonzero((rate >= padded[:-2]) & (rate > padded[2:]) & np.isfinite(rate))
+    top = top[np.argsort(-rate[top], kind="stable")][: 2 * POCKETS]  # the band may change the order
+    best = middle[top]
+    low, high = speeds[np.maximum(top - 1, 0)], speeds[np.minimum(top + 1, len(speeds) - 1)]
+    walled = ~open_ended[top]
+    if not walled.any():
+        return best
+    best[walled] = _refined(depth_at, best[walled], low[walled], high[walled], refine)
+    return best
+
+
+def _middles(speeds: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+    """Each speed, or the middle of the stretch of chosen ones that it belongs to."""
+    middle = speeds.copy()
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(int)))
+    for start, stop in ends.reshape(-1, 2):
+        middle[start:stop] = (speeds[start] + speeds[stop - 1]) / 2
+    return middle
+
+
+def _refined(
+    depth_at: Callable[[np.ndarray], np.ndarray],
+    best: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    refine: tuple[int, int],
+) -> np.ndarray:
+    rounds, many = refine
+    for _ in range(rounds):
+        fine = low + (high - low) * np.linspace(0, 1, many)[:, np.newaxis]  # (many, pocket)
+        fine[many // 2] = best
+        fine.sort(axis=0)
+        found = depth_at(fine.ravel()).reshape(fine.shape) * fine
+        i, pocket = np.argmax(np.where(np.isfinite(found), found, -np.inf), axis=0), np.arange(len(best))
+        best = fine[i, pocket]
+        low, high = fine[np.maximum(i - 1, 0), pocket], fine[np.minimum(i + 1, len(fine) - 1), pocket]
+    return best
+
+
+def best_speeds(
+    speeds: np.ndarray,
+    depth: np.ndarray,
+    band: np.ndarray | None,
+    spread: Spread | None,
+    *,
+    width: float | None,
+    torque: float | None,
+) -> tuple[BestSpeed, ...]:
+    """The pockets as the record has them, best first.
+
+    speeds, depth : (pocket,) rad/s, m   band : (2, pocket) m   width : radial depth times feed per radian, m^2, None: no feed
+    torque : N m per m of depth, None where it is not known
+    """
+    best = []
+    for i, (speed, limit) in enumerate(zip(speeds.tolist(), depth.tolist(), strict=True)):
+        safe = None if band is None else float(min(band[0, i], limit))
+        run = limit if safe is None else safe
+        best.append(
+            BestSpeed(
+                spindle_speed=speed,
+                axial_depth=limit,
+                removal_rate=np.nan if width is None else limit * width * speed,
+                p_stable=None if spread is None else spread.at(speed, limit),
+                safe_depth=safe,
+                torque=None if torque is None else torque * run,
+                power=None if torque is None else torque * run * speed,
+            )
+        )
+    best.sort(key=lambda b: -b.spindle_speed * (b.axial_depth if b.safe_depth is None else b.safe_depth))
+    return tuple(best[:POCKETS])
