@@ -15,6 +15,7 @@ import numpy as np
 from millcal.physics.stability.regeneration import Regeneration, TipModes, h0
 
 STRAIGHT = 1e-4  # rad of helix over the depth, below which the mean angle stands for all heights (cancellation)
+ON_A_POINT = 4  # nodes of a piece so short that the force on it hardly changes
 MORE_INNER = 2  # nodes of the integrals up to a node, beyond the order
 
 
@@ -75,6 +76,23 @@ def lagrange(node: np.ndarray, at: np.ndarray) -> np.ndarray:
     on_node = there.any(axis=1)
     values[on_node] = there[on_node]
     return values
+
+
+def orders_of(pieces: Pieces, order: int) -> np.ndarray:
+    """Nodes of each piece where the longest needs `order`: fewer on shorter ones.   returns integer (piece,)"""
+    share = pieces.length / pieces.length.max()
+    return np.ceil(np.minimum(ON_A_POINT, order) * (1 - share) + order * share - 1e-9).astype(int)
+
+
+def gauss_tables(orders: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """`gauss_table` of several orders in arrays of one size.   returns which table (piece,), nodes, inner nodes, weights"""
+    kinds, table = np.unique(orders, return_inverse=True)
+    most = int(kinds[-1])
+    node, inner = np.zeros((len(kinds), most)), np.zeros((len(kinds), most + MORE_INNER))
+    weight = np.zeros((len(kinds), most + 1, most + MORE_INNER, most))
+    for i, n in enumerate(kinds.tolist()):
+        node[i, :n], inner[i, : n + MORE_INNER], weight[i, : n + 1, : n + MORE_INNER, :n] = gauss_table(n)
+    return table, node, inner, weight
 
 
 def pieces_of(cut: Regeneration, depth: float) -> Pieces:
@@ -165,9 +183,8 @@ def _only_direction(vectors: np.ndarray) -> np.ndarray | None:
     return axes[0] if size[-1] <= 1e-12 * size[0] else None
 
 
-def unknowns_of(pieces: Pieces, tip: TipModes, cut: Regeneration, depth: float, order: int) -> Unknowns:
-    """The unknowns of a period at a given order.   depth : m, counts with a helix alone"""
-    node = gauss_table(order)[0]
+def unknowns_of(pieces: Pieces, tip: TipModes, cut: Regeneration, depth: float, orders: np.ndarray) -> Unknowns:
+    """The unknowns of a period.   depth : m, counts with a helix alone   orders : nodes of each piece, integer (piece,)"""
     moves = _only_direction(np.concatenate([tip.output, tip.flexibility.T]))
     pushed = _only_direction(np.concatenate([tip.given, tip.flexibility]))
     alone = moves is not None and pushed is not None
@@ -184,10 +201,10 @@ def unknowns_of(pieces: Pieces, tip: TipModes, cut: Regeneration, depth: float, 
     blocks: list[tuple[int, np.ndarray]] = []  # first unknown of a node, its part of S0
     waves: list[tuple[int, float, int, np.ndarray]] = []  # first unknown of a node, rad, tooth, force of its wave
     for p, teeth in enumerate(pieces.teeth):
-        at = pieces.start[p] + pieces.length[p] * node
+        at = pieces.start[p] + pieces.length[p] * gauss_table(int(orders[p]))[0]
         for ktc, krc, rubs in laws:
             each = [force_matrix(_tooth_angle(cut, k, at), cut, depth, ktc, krc) for k in teeth]
-            for i in range(order):
+            for i in range(orders[p]):
                 if apart:
                     seen = [columns @ matrix[i] @ rows.T for matrix in each]
                     blocks.append((len(parts), sum(seen)))
@@ -207,7 +224,7 @@ def unknowns_of(pieces: Pieces, tip: TipModes, cut: Regeneration, depth: float, 
     piece, index, row, column, rubbing = (np.array(part) for part in zip(*parts, strict=True))
     now, before = np.eye(len(parts)), np.zeros((len(parts), len(parts)))
     if apart:
-        now, before = _waves_between_nodes(pieces, cut, node, blocks, waves, (piece, rubbing))
+        now, before = _waves_between_nodes(pieces, cut, orders, blocks, waves, (piece, rubbing))
     elif cut.equal_pitch:
         before[~rubbing, ~rubbing] = 1.0
     else:  # the nodes of every tooth stand at the same angles: its wave is that of the piece before
@@ -222,7 +239,7 @@ def unknowns_of(pieces: Pieces, tip: TipModes, cut: Regeneration, depth: float, 
 def _waves_between_nodes(
     pieces: Pieces,
     cut: Regeneration,
-    node: np.ndarray,
+    orders: np.ndarray,
     blocks: list[tuple[int, np.ndarray]],
     waves: list[tuple[int, float, int, np.ndarray]],
     where: tuple[np.ndarray, np.ndarray],
@@ -240,7 +257,8 @@ def _waves_between_nodes(
         past = at - delays[tooth]
         target, past = (now, past) if past >= 0 else (before, past + pieces.period)
         p = int(np.clip(np.searchsorted(ends, past), 0, len(ends) - 1))
-        share = lagrange(node, np.array([(past - pieces.start[p]) / pieces.length[p]]))[0]
+        inside = np.array([(past - pieces.start[p]) / pieces.length[p]])
+        share = lagrange(gauss_table(int(orders[p]))[0], inside)[0]
         for value, place in zip(share, first_of[p], strict=True):
             change = -value if target is now else value
             target[first : first + size, place : place + size] += change * force

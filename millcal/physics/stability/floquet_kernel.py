@@ -28,11 +28,13 @@ class Problem(NamedTuple):
     period: float  # rad
     start: np.ndarray  # (piece,), rad
     length: np.ndarray  # (piece,), rad
-    node: np.ndarray  # Gauss nodes of a piece, (n,), 0..1
-    inner: np.ndarray  # nodes of the integrals up to a node, (q,), 0..1
+    order: np.ndarray  # integer (piece,): Gauss nodes n
+    table: np.ndarray  # integer (piece,): which of the tables below
+    node: np.ndarray  # (table, largest n), 0..1
+    inner: np.ndarray  # (table, largest n + 2): nodes of the integrals up to a node, 0..1
     weight: (
         np.ndarray
-    )  # (n + 1, q, n): of the force at node j in the integral up to node i; i = n: over the whole piece
+    )  # (table, n + 1, n + 2, n): of the force at node j in the integral to node i; i = n: of the whole
     piece: np.ndarray  # integer (unknown,)
     index: np.ndarray  # integer (unknown,): node within its piece
     row: np.ndarray  # (unknown, 2): what is taken of r, or of r' where `rubs`
@@ -45,13 +47,14 @@ class Problem(NamedTuple):
 
 
 @njit(cache=True)
-def _prepare(p, speed, gamma, phi, evolution, feed, block, power):
+def _prepare(p, speed, gamma, phi, evolution, feed, block, power, waves):
     """The matrices of one speed.
 
     gamma : (unknown, unknown)   phi : (unknown, 2 mode)   evolution : (2 mode, 2 mode)   feed : (2 mode, unknown)
-    block : complex (n + 1, n), power : complex (q,): scratch
+    block : complex (n + 1, n), power : complex (n + 2,): scratch
+    waves : gamma S0, gamma S1, feed S0, feed S1, where S0 and S1 are not plain
     """
-    unknowns, n, q = len(p.piece), len(p.node), len(p.inner)
+    unknowns = len(p.piece)
     gamma[:] = 0.0
     evolution[:] = 0.0
     for m in range(len(p.pole)):
@@ -64,9 +67,9 @@ def _prepare(p, speed, gamma, phi, evolution, feed, block, power):
         )
         last = -1.0
         for piece in range(len(p.start)):
-            length = p.length[piece]
+            length, n = p.length[piece], p.order[piece]
             if length != last:
-                _integrals(s, length, p, n, q, block, power, speed)
+                _integrals(s, length, n, p.table[piece], p, block, power, speed)
                 last = length
             end = p.start[piece] + length
             to_end = np.exp(s * (p.period - end))
@@ -93,7 +96,7 @@ def _prepare(p, speed, gamma, phi, evolution, feed, block, power):
             if piece + 1 < len(p.start):
                 for a in range(unknowns):
                     if p.piece[a] > piece:
-                        angle = p.start[p.piece[a]] + p.length[p.piece[a]] * p.node[p.index[a]]
+                        angle = _angle(p, a)
                         seen = p.output[m, 0] * p.row[a, 0] + p.output[m, 1] * p.row[a, 1]
                         if p.rubs[a]:
                             seen *= p.pole[m]
@@ -105,7 +108,7 @@ def _prepare(p, speed, gamma, phi, evolution, feed, block, power):
                                     force /= speed
                                 gamma[a, b] += (seen * force * block[n, p.index[b]]).real
         for a in range(unknowns):
-            angle = p.start[p.piece[a]] + p.length[p.piece[a]] * p.node[p.index[a]]
+            angle = _angle(p, a)
             seen = (p.output[m, 0] * p.row[a, 0] + p.output[m, 1] * p.row[a, 1]) / size * np.exp(s * angle)
             if p.rubs[a]:
                 seen *= p.pole[m]
@@ -123,17 +126,43 @@ def _prepare(p, speed, gamma, phi, evolution, feed, block, power):
                         matrix = p.direct[k, l] if p.rubs[a] else p.flexibility[k, l]
                         at_once += p.row[a, k] * matrix * p.column[b, l]
                 gamma[a, b] += at_once / speed if p.rubs[b] else at_once
+    if not p.plain:
+        now, before, feed_now, feed_before = waves
+        _times(gamma, p.now, now)
+        _times(gamma, p.before, before)
+        _times(feed, p.now, feed_now)
+        _times(feed, p.before, feed_before)
 
 
 @njit(cache=True)
-def _integrals(s, length, p, n, q, block, power, speed):
+def _angle(p, unknown):
+    """Where an unknown stands, rad since the start of the period."""
+    piece = p.piece[unknown]
+    return p.start[piece] + p.length[piece] * p.node[p.table[piece], p.index[unknown]]
+
+
+@njit(cache=True)
+def _times(left, right, out):
+    """out = left right, with a right that is mostly zero."""
+    out[:] = 0.0
+    for c in range(right.shape[0]):
+        for b in range(right.shape[1]):
+            by = right[c, b]
+            if by != 0.0:
+                for a in range(left.shape[0]):
+                    out[a, b] += left[a, c] * by
+
+
+@njit(cache=True)
+def _integrals(s, length, n, table, p, block, power, speed):
     """Of e^{s (t_i - t)} times each Lagrange polynomial, up to each node and over the whole piece: block (n + 1, n)."""
+    q = n + 2
     for i in range(n + 1):
-        reach = length * p.node[i] if i < n else length
+        reach = length * p.node[table, i] if i < n else length
         whole = np.exp(s * reach)
         # the inner nodes lie symmetrically: with e^{s t u} there is e^{s t (1 - u)} = e^{s t} / e^{s t u}
         for k in range((q + 1) // 2):
-            value = np.exp(s * (reach * p.inner[k]))
+            value = np.exp(s * (reach * p.inner[table, k]))
             power[q - 1 - k] = value
             power[k] = whole / value
         for j in range(n):
@@ -141,67 +170,40 @@ def _integrals(s, length, p, n, q, block, power, speed):
         for k in range(q):
             real, imag = power[k].real * length / speed, power[k].imag * length / speed
             for j in range(n):
-                block[i, j] += complex(real * p.weight[i, k, j], imag * p.weight[i, k, j])
+                block[i, j] += complex(real * p.weight[table, i, k, j], imag * p.weight[table, i, k, j])
 
 
 @njit(cache=True)
-def _monodromy(p, depth, gamma, phi, evolution, feed, left, right, matrix):
+def _monodromy(p, depth, gamma, phi, evolution, feed, waves, left, right, matrix):
     """The matrix from (remembered unknowns, modal state) to themselves a period later.   left, right : scratch"""
     unknowns, remembered, states = len(p.piece), len(p.memory), evolution.shape[0]
     columns = remembered + states
+    now, before, feed_now, feed_before = waves
     # w = phi z - b gamma (S0 w - S1 w_before):   left w = right
-    if p.plain:
-        for a in range(unknowns):
-            for b in range(unknowns):
-                left[a, b] = depth * gamma[a, b]
-            for k in range(remembered):
-                right[a, k] = depth * gamma[a, p.memory[k]]
-            left[a, a] += 1.0
-            for k in range(states):
-                right[a, remembered + k] = phi[a, k]
-    else:
-        for a in range(unknowns):
-            for b in range(unknowns):
-                total = 0.0
-                for c in range(unknowns):
-                    total += gamma[a, c] * p.now[c, b]
-                left[a, b] = depth * total
-            for k in range(remembered):
-                total = 0.0
-                for c in range(unknowns):
-                    total += gamma[a, c] * p.before[c, k]
-                right[a, k] = depth * total
-            left[a, a] += 1.0
-            for k in range(states):
-                right[a, remembered + k] = phi[a, k]
+    for a in range(unknowns):
+        for b in range(unknowns):
+            left[a, b] = depth * (gamma[a, b] if p.plain else now[a, b])
+        for k in range(remembered):
+            right[a, k] = depth * (gamma[a, p.memory[k]] if p.plain else before[a, k])
+        left[a, a] += 1.0
+        for k in range(states):
+            right[a, remembered + k] = phi[a, k]
     _solve(left, right, unknowns, columns)
     for k in range(remembered):
         for c in range(columns):
             matrix[k, c] = right[p.memory[k], c]
-    for s in range(states):
-        for c in range(columns):
-            matrix[remembered + s, c] = 0.0
-        for c in range(states):
-            matrix[remembered + s, remembered + c] = evolution[s, c]
     # z' = E z - b feed (S0 w - S1 w_before)
-    if p.plain:
-        for s in range(states):
-            for a in range(unknowns):
-                by = depth * feed[s, a]
-                for c in range(columns):
-                    matrix[remembered + s, c] -= by * right[a, c]
-            for k in range(remembered):
-                matrix[remembered + s, k] += depth * feed[s, p.memory[k]]
-    else:
-        for s in range(states):
-            for a in range(unknowns):
-                by = depth * feed[s, a]
-                for b in range(unknowns):
-                    if p.now[a, b] != 0.0:
-                        for c in range(columns):
-                            matrix[remembered + s, c] -= by * p.now[a, b] * right[b, c]
-                for k in range(remembered):
-                    matrix[remembered + s, k] += by * p.before[a, k]
+    for s in range(states):
+        row = matrix[remembered + s]
+        for k in range(remembered):
+            row[k] = depth * (feed[s, p.memory[k]] if p.plain else feed_before[s, k])
+        for c in range(states):
+            row[remembered + c] = evolution[s, c]
+        for a in range(unknowns):
+            # what rubs leaves no wave, but pushes
+            by = depth * (feed[s, a] if p.plain else feed_now[s, a])
+            for c in range(columns):
+                row[c] -= by * right[a, c]
 
 
 @njit(cache=True)
@@ -375,8 +377,16 @@ def _eigenvalues(a, n, real, imag):
 @njit(cache=True)
 def _room(p):
     """Arrays for `_prepare` and `_monodromy`."""
-    unknowns, states, n, q = len(p.piece), 2 * len(p.pole), len(p.node), len(p.inner)
-    size = len(p.memory) + states
+    unknowns, states, n = len(p.piece), 2 * len(p.pole), p.order.max()
+    remembered = len(p.memory)
+    size = remembered + states
+    full = 0 if p.plain else unknowns
+    waves = (
+        np.empty((full, full)),
+        np.empty((full, remembered)),
+        np.empty((states, full)),
+        np.empty((states, remembered)),
+    )
     largest = max(size, unknowns)
     return (
         np.empty((unknowns, unknowns)),
@@ -384,7 +394,8 @@ def _room(p):
         np.empty((states, states)),
         np.empty((states, unknowns)),
         np.empty((n + 1, n), np.complex128),
-        np.empty(q, np.complex128),
+        np.empty(n + 2, np.complex128),
+        waves,
         np.empty((unknowns, unknowns)),
         np.empty((unknowns, size)),
         np.empty((size, size)),
@@ -396,17 +407,17 @@ def _room(p):
 @njit(cache=True)
 def matrices(p, speed):
     """Gamma, phi, evolution and feed of one speed, for those who solve in another way."""
-    gamma, phi, evolution, feed, block, power, _, _, _, _, _ = _room(p)
-    _prepare(p, speed, gamma, phi, evolution, feed, block, power)
+    gamma, phi, evolution, feed, block, power, waves, _, _, _, _, _ = _room(p)
+    _prepare(p, speed, gamma, phi, evolution, feed, block, power, waves)
     return gamma, phi, evolution, feed
 
 
 @njit(cache=True)
 def multipliers_of(p, speed, depth):
     """All multipliers of one point.   returns complex (k,)"""
-    gamma, phi, evolution, feed, block, power, left, right, matrix, real, imag = _room(p)
-    _prepare(p, speed, gamma, phi, evolution, feed, block, power)
-    _monodromy(p, depth, gamma, phi, evolution, feed, left, right, matrix)
+    gamma, phi, evolution, feed, block, power, waves, left, right, matrix, real, imag = _room(p)
+    _prepare(p, speed, gamma, phi, evolution, feed, block, power, waves)
+    _monodromy(p, depth, gamma, phi, evolution, feed, waves, left, right, matrix)
     n = matrix.shape[0]
     _eigenvalues(matrix, n, real, imag)
     found = np.empty(n, np.complex128)
@@ -418,12 +429,12 @@ def multipliers_of(p, speed, depth):
 @njit(cache=True)
 def radii(p, speed, depth, out):
     """The largest |mu| of points of many speeds.   speed, depth, out : (point,)"""
-    gamma, phi, evolution, feed, block, power, left, right, matrix, real, imag = _room(p)
+    gamma, phi, evolution, feed, block, power, waves, left, right, matrix, real, imag = _room(p)
     n = matrix.shape[0]
     for i in range(len(speed)):
         if i == 0 or speed[i] != speed[i - 1]:
-            _prepare(p, speed[i], gamma, phi, evolution, feed, block, power)
-        _monodromy(p, depth[i], gamma, phi, evolution, feed, left, right, matrix)
+            _prepare(p, speed[i], gamma, phi, evolution, feed, block, power, waves)
+        _monodromy(p, depth[i], gamma, phi, evolution, feed, waves, left, right, matrix)
         _eigenvalues(matrix, n, real, imag)
         largest = 0.0
         for k in range(n):
@@ -436,13 +447,13 @@ def radii(p, speed, depth, out):
 @njit(cache=True)
 def spectra(p, speed, depth, keep, out):
     """The largest multipliers of points of many speeds, largest first.   out : complex (point, keep)"""
-    gamma, phi, evolution, feed, block, power, left, right, matrix, real, imag = _room(p)
+    gamma, phi, evolution, feed, block, power, waves, left, right, matrix, real, imag = _room(p)
     n = matrix.shape[0]
     size = np.empty(n)
     for i in range(len(speed)):
         if i == 0 or speed[i] != speed[i - 1]:
-            _prepare(p, speed[i], gamma, phi, evolution, feed, block, power)
-        _monodromy(p, depth[i], gamma, phi, evolution, feed, left, right, matrix)
+            _prepare(p, speed[i], gamma, phi, evolution, feed, block, power, waves)
+        _monodromy(p, depth[i], gamma, phi, evolution, feed, waves, left, right, matrix)
         _eigenvalues(matrix, n, real, imag)
         for k in range(n):
             size[k] = real[k] * real[k] + imag[k] * imag[k]
@@ -467,7 +478,7 @@ def flips(p, speed, deepest, out, count):
 
     out : (speed, unknown), filled to count, ascending   count : integer (speed,)
     """
-    gamma, phi, evolution, feed, block, power, left, _, _, _, _ = _room(p)
+    gamma, phi, evolution, feed, block, power, waves, left, _, _, _, _ = _room(p)
     unknowns, states = phi.shape
     real, imag = np.empty(unknowns), np.empty(unknowns)
     away = np.empty((states, states))  # -1 - E
@@ -478,7 +489,7 @@ def flips(p, speed, deepest, out, count):
         for k in range(len(p.memory)):
             wave[a, p.memory[k]] += p.before[a, k]
     for i in range(len(speed)):
-        _prepare(p, speed[i], gamma, phi, evolution, feed, block, power)
+        _prepare(p, speed[i], gamma, phi, evolution, feed, block, power, waves)
         for k in range(states):
             for c in range(states):
                 away[k, c] = -evolution[k, c]
@@ -492,17 +503,7 @@ def flips(p, speed, deepest, out, count):
                 for k in range(states):
                     total += phi[a, k] * answer[k, b]
                 left[a, b] = total
-        if p.plain:
-            for a in range(unknowns):
-                for b in range(unknowns):
-                    matrix[a, b] = left[a, b] * wave[b, b]
-        else:
-            for a in range(unknowns):
-                for b in range(unknowns):
-                    total = 0.0
-                    for c in range(unknowns):
-                        total += left[a, c] * wave[c, b]
-                    matrix[a, b] = total
+        _times(left, wave, matrix)
         _eigenvalues(matrix, unknowns, real, imag)
         found = 0
         for k in range(unknowns):
