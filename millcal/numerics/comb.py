@@ -6,6 +6,8 @@ small harmonics that agree outweigh one large tone. The frequency is then a weig
 own peak; one that does not agree with the others is left out.
 """
 
+from itertools import pairwise
+
 import numpy as np
 
 from millcal.numerics.spectra import Cycle
@@ -67,7 +69,7 @@ def _above_surroundings(power: np.ndarray, width: int) -> np.ndarray:
     """Power over the median of its surroundings.   power : (channel, bin)   width : bins to be looked at"""
     blocks = max(1, power.shape[1] // width)
     edges = np.linspace(0, power.shape[1], blocks + 1).astype(int)
-    level = np.array([np.median(power[:, a:b], axis=1) for a, b in zip(edges[:-1], edges[1:], strict=True)]).T
+    level = np.array([np.median(power[:, a:b], axis=1) for a, b in pairwise(edges)]).T
     middle = (edges[:-1] + edges[1:] - 1) / 2
     floor = np.array([np.interp(np.arange(power.shape[1]), middle, row) for row in level])
     return power / np.maximum(floor, 1e-300 + 1e-20 * power.max(axis=1, keepdims=True))

@@ -42,12 +42,12 @@ def find_tones(
     frequency = spectra.frequency
     order = np.rint(frequency / cycle).astype(int)
     off = np.abs(frequency - order * cycle) * size  # lines from the nearest harmonic
-    held = np.zeros(len(power))
-    inside = order < len(harmonics)
-    held[inside] = 0.5 * np.abs(harmonics[order[inside]]) ** 2
     reach = 3.0 + 3.0 * wander * order * cycle * size
-    share = np.where(off < 0.8, 1.0, 0.5 * np.exp(-((off / np.maximum(reach, 1e-9)) ** 2)))
-    needed = 0.25 * size * share * held  # power of the line's highest bin, were it a tone of that share
+    inside = order < len(harmonics)
+    needed = np.where(off < reach, np.inf, 0.0)  # beside a harmonic that was not taken out
+    share = np.where(off[inside] < 0.8, 1.0, 0.5 * np.exp(-((off[inside] / reach[inside]) ** 2)))
+    held = 0.5 * np.abs(harmonics[order[inside]]) ** 2
+    needed[inside] = 0.25 * size * share * held  # power of the highest line of a tone of that share
     threshold = level * (STANDS_OUT / spectra.stretches**0.5 if spectra.stretches > 1 else STANDS_OUT)
     beyond = np.flatnonzero((power > np.maximum(threshold, needed)) & (frequency > 0.4 * cycle))
     taken = np.zeros(len(power), bool)
@@ -111,7 +111,9 @@ def families(tones: list[Tone], by: float, tolerance: float) -> list[list[Tone]]
     for tone in tones:  # the strongest first
         place = float(folded(tone.frequency, by))
         for group in groups:
-            if abs(place - float(folded(group[0].frequency, by))) <= tolerance + 3 * (tone.deviation + group[0].deviation):
+            if abs(place - float(folded(group[0].frequency, by))) <= tolerance + 3 * (
+                tone.deviation + group[0].deviation
+            ):
                 group.append(tone)
                 break
         else:

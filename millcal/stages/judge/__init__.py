@@ -1,0 +1,332 @@
+"""Was that chatter? A recorded cut judged by what does not repeat with the teeth.
+
+Forced vibration repeats with every tooth, and with runout every turn of the spindle: its lines are harmonics of the spindle. They
+are found, with the speed that the record itself tells, and taken out. Chatter leaves tones of its own, a whole number of tooth
+passings apart; where these lie at fractions of the tooth passing, the motion repeats after some teeth. What the record cannot
+tell is said: a flip that runout hides, a sample rate too low, too few turns. Not known, with its reason, is better than a guess.
+
+References
+----------
+Insperger, Stepan, Bayly, Mann 2003, Multiple chatter frequencies in milling processes, J. Sound Vib. 262 (the lines of Hopf and
+flip, and how they lie to the tooth passing).
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from millcal.data import ChatterPeak, Judgement, Level, Notice, Recording
+from millcal.errors import RecordingError
+from millcal.numerics import spectra
+from millcal.numerics.residual_lines import residual_spectra
+from millcal.numerics.spectra import Cycle
+from millcal.numerics.tones import Tone
+from millcal.stages.judge.alternation import alternation, expected_chips
+from millcal.stages.judge.remains import Remains, course, falls_off, look
+from millcal.stages.judge.signal import (
+    Stretch,
+    cutting_stretch,
+    judged_rows,
+    note_clipping,
+    reader,
+    refuse_what_is_no_number,
+)
+from millcal.stages.judge.speed import refined_cycle
+from millcal.stages.judge.strobes import once_per_tooth
+from millcal.stages.judge.verdict import Finding, judged
+
+__all__ = ["judge_cut"]
+
+MOST_CHANNELS = 6
+MOST_PEAKS = 12
+SMALLEST_PEAK = 1e-3  # of the power
+TOLD = 0.005  # share of the power of a tone that is not the cut's, from which it is told
+MOST_SPEEDS = 10  # that a chatter frequency points to
+SLOWEST = 0.5  # of the cut's speed
+LINES = 4000  # of the spectrum that are kept
+FLASHES = 2000  # of the motion once per tooth that are kept
+SEEN_UP_TO = 0.45  # of the sample rate
+LOW = 1000.0  # Hz: tools vibrate above it as a rule
+PASSINGS = 5  # tooth passings that a spectrum should hold
+GROWS = 3.0  # of the alternating lines over those of the tooth passing, from the first third to the last
+DOUBTFUL_MODE = 0.2  # relative distance of a chatter frequency from all modes, from which another alias is looked for
+
+
+def judge_cut(
+    recording: Recording,
+    *,
+    channel: str | None = None,
+    teeth: int | None = None,
+    spindle_speed: float | None = None,
+    steady: tuple[float, float] | None = None,
+    modes: Sequence[float] = (),
+    progress: Callable[[float, str], None] | None = None,
+) -> Judgement:
+    """Judge one recorded cut.
+
+    Displacement goes before acceleration, velocity, sound and force; of several channels the one that shows most is told.
+
+    channel : name; None: chosen   teeth : None: the cutter's   spindle_speed : rad/s, to a few percent; None: the recording's
+    steady : s after the first sample; else what the recording says, else found
+    modes : natural frequencies of the tool, Hz, where known: what the sample rate cannot show is then known too
+    progress : called with (share, label)
+
+    Raises RecordingError where teeth or speed are not known, where no channel tells, or where the cut holds no turns.
+    """
+    tell = progress or (lambda share, label: None)
+    where = recording.name or "recording"
+    rate = recording.sample_rate
+    notices: list[Notice] = []
+
+    def note(code: str, message: str, level: Level = "warning") -> None:
+        notices.append(Notice(code, message, where, level))
+
+    tell(0.0, "cut and air")
+    teeth, stated = _stated(recording, teeth, spindle_speed, where)
+    rows = surveyed = judged_rows(recording, channel, where)[:MOST_CHANNELS]
+    stretch = cutting_stretch(recording, rows, stated / rate, steady, where, note)
+    samples = reader(recording, rows)(stretch.start, stretch.stop)
+    for row, signal in zip(rows, samples, strict=True):
+        refuse_what_is_no_number(signal, stretch.start, rate, where, recording.channels[row].name)
+    moving = np.ptp(samples, axis=1) > 0
+    if not moving.any():
+        raise RecordingError(f"{where}: the signal never changes during the cut; check the channel")
+    rows, samples = [row for row, there in zip(rows, moving, strict=True) if there], samples[moving]
+
+    tell(0.2, "spindle speed")
+    cycle, follows = refined_cycle(recording, samples, stretch.start, stated / rate, teeth, note)
+    revolutions = (stretch.stop - stretch.start) * cycle.cycle
+
+    tell(0.5, "what does not follow the teeth")
+    air = None if stretch.air is None else reader(recording, rows)(*stretch.air)
+    if air is not None and not np.isfinite(air).all():
+        air = None
+    looks = [
+        look(row, signal, None if air is None else air[i], cycle.cycle, cycle.sd, teeth, rate)
+        for i, (row, signal) in enumerate(zip(rows, samples, strict=True))
+    ]
+    found = max(looks, key=lambda one: (one.share >= 0.02) * one.share + 1e-6 * _alternating_share(one, teeth))
+    drive = 1 if recording.cutter is not None and _uneven(recording.cutter.pitch) else teeth
+    note_clipping(
+        samples[rows.index(found.row)],
+        recording.channels[found.row].full_scale,
+        recording.channels[found.row].name,
+        note,
+    )
+
+    tell(0.8, "verdict")
+    plain = once_per_tooth(found.signal, found.rest, found.harmonics, cycle.cycle, drive, kept=np.arange(0))
+    verdict = judged(
+        found,
+        teeth=drive,
+        cycle=cycle.cycle,
+        rate=rate,
+        revolutions=revolutions,
+        follows=follows,
+        amplitudes=course(found.signal, found.family[0].frequency) if found.family else np.empty(0),
+        changes=plain.change,
+        alternating=alternation(found.harmonics, found.noise, drive),
+        alternating_grows=_alternating_grows(found.signal, cycle.cycle, drive, revolutions),
+        expected=expected_chips(
+            recording.cutter, None if recording.conditions is None else recording.conditions.feed_per_tooth
+        ),
+    )
+    half = np.arange(drive // 2, len(found.harmonics), drive) if verdict.alternates else np.arange(0)
+    strobes = once_per_tooth(found.signal, found.rest, found.harmonics, cycle.cycle, drive, kept=half)
+    for tone, why in found.machine[:3]:
+        if tone.power >= TOLD * found.power:
+            note(
+                "not-of-the-cut",
+                f"a line at {tone.frequency * rate:.5g} Hz is {why}; it is left out of the verdict",
+                "note",
+            )
+    _note_sample_rate(verdict, found, rate, cycle.cycle * rate * teeth, modes, note)
+    if drive != teeth:
+        note(
+            "uneven-pitch",
+            "the teeth are not evenly pitched: the motion is looked at once a turn, not once a tooth",
+            "note",
+        )
+    return _record(
+        recording, stretch, found, verdict, strobes, cycle, revolutions, teeth, drive, surveyed, tuple(notices)
+    )
+
+
+def _stated(recording: Recording, teeth: int | None, spindle_speed: float | None, where: str) -> tuple[int, float]:
+    """Teeth and spindle frequency in Hz, as stated."""
+    if teeth is None:
+        if recording.cutter is None:
+            raise RecordingError(f"{where}: says nothing of the teeth; give --teeth, or a setup with a [cutter] table")
+        teeth = recording.cutter.teeth
+    if spindle_speed is None:
+        if recording.conditions is None:
+            raise RecordingError(
+                f"{where}: says nothing of the spindle speed; give --rpm, or a setup with [conditions]"
+            )
+        spindle_speed = recording.conditions.spindle_speed
+    if not spindle_speed > 0 or teeth < 1:
+        raise RecordingError(f"{where}: {teeth} teeth at {spindle_speed:g} rad/s are no cut; check teeth and speed")
+    frequency = spindle_speed / (2 * np.pi)
+    if recording.sample_rate < 4 * teeth * frequency:
+        raise RecordingError(
+            f"{where}: {recording.sample_rate:g} samples per second are fewer than 4 per tooth at {60 * frequency:g} rpm; "
+            "check the sample rate and the speed"
+        )
+    return teeth, frequency
+
+
+def _uneven(pitch: tuple[float, ...] | None) -> bool:
+    return pitch is not None and float(np.ptp(pitch)) > 1e-3
+
+
+def _alternating_share(found: Remains, teeth: int) -> float:
+    told = alternation(found.harmonics, found.noise, teeth)
+    return 0.0 if told is None else min(told.power, 1e3)
+
+
+def _alternating_grows(signal: np.ndarray, cycle: float, teeth: int, revolutions: float) -> bool:
+    """Whether the lines at odd multiples of half the tooth passing grow while those of the tooth passing do not."""
+    if teeth % 2 or revolutions < 24:
+        return False
+    edges = np.rint(np.linspace(0, len(signal), 7)).astype(int)
+    K = max(teeth, min(40, int(0.45 / cycle)))
+    if len(signal) < (K + 1) * 2 * 6:
+        return False
+    found = np.abs(spectra.block_harmonics(spectra.reader_of(signal[np.newaxis]), edges, cycle, K)[:, 0]) ** 2
+    alternating = found[:, np.arange(teeth // 2, K + 1, teeth)].sum(axis=1)
+    passing = found[:, np.arange(teeth, K + 1, teeth)].sum(axis=1)
+    ratio = alternating / np.maximum(passing, 1e-300)
+    return bool(ratio[-2:].mean() > GROWS**2 * ratio[:2].mean() and passing[-2:].mean() > 0.3 * passing[:2].mean())
+
+
+def _note_sample_rate(
+    verdict: Finding, found: Remains, rate: float, passing: float, modes: Sequence[float], note: Any
+) -> None:
+    """Say what the sample rate cannot show, and where a line may be the alias of a higher one."""
+    seen = SEEN_UP_TO * rate
+    above = [mode for mode in modes if mode > seen]
+    if above:
+        note(
+            "sample-rate",
+            f"{rate:g} samples per second show nothing above {seen:.4g} Hz, and the tool has modes there "
+            f"({', '.join(f'{mode:.0f} Hz' for mode in above[:3])}): chatter of theirs would not be seen, or at another frequency",
+        )
+    elif not modes and verdict.verdict == "stable" and seen < max(LOW, PASSINGS * passing):
+        note(
+            "sample-rate",
+            f"{rate:g} samples per second show nothing above {seen:.4g} Hz, where tools often chatter: stable below is all "
+            "that is said; sample faster",
+        )
+    if verdict.tones and not verdict.alternates:
+        f = verdict.tones[0].frequency * rate
+        other = _other_alias(f, rate, modes)
+        if other is not None:
+            note(
+                "alias",
+                f"no mode of the tool is near {f:.5g} Hz, but one is near {other:.5g} Hz, which this sample rate shows there: the "
+                "chatter frequency may be that; sample faster, or behind an anti-aliasing filter",
+            )
+        elif not modes and not falls_off(found.spectra.power[0]):
+            note(
+                "alias",
+                f"the noise does not fall off towards {rate / 2:g} Hz, so no anti-aliasing filter shows: {f:.5g} Hz may stand for "
+                f"{rate - f:.5g} Hz",
+                "note",
+            )
+
+
+def _other_alias(f: float, rate: float, modes: Sequence[float]) -> float | None:
+    """A frequency above half the sample rate that is near a mode where this one is near none."""
+    if not modes or min(abs(f / mode - 1) for mode in modes) < DOUBTFUL_MODE:
+        return None
+    others = [rate - f, rate + f, 2 * rate - f]
+    near = [other for other in others if min(abs(other / mode - 1) for mode in modes) < DOUBTFUL_MODE / 2]
+    return near[0] if near else None
+
+
+def _record(
+    recording: Recording,
+    stretch: Stretch,
+    found: Remains,
+    verdict: Finding,
+    strobes: Any,
+    cycle: Cycle,
+    revolutions: float,
+    teeth: int,
+    drive: int,
+    surveyed: list[int],
+    notices: tuple[Notice, ...],
+) -> Judgement:
+    rate, channel = recording.sample_rate, recording.channels[found.row]
+    tones = verdict.tones
+    chatter = tones[0].frequency * rate if tones else None
+    rms = float(np.std(found.signal))
+    frequency, spectrum, remaining = _spectra(found, rate)
+    told = [tone for tone in found.tones if tone.sharp and tone.power >= SMALLEST_PEAK * found.power]
+    aliased = not falls_off(found.spectra.power[0])
+    speeds: tuple[float, ...] = ()
+    if chatter is not None and drive == teeth:
+        all_of_them = 2 * np.pi * chatter / (teeth * np.arange(1, MOST_SPEEDS + 1))
+        speeds = tuple(float(s) for s in all_of_them if s > SLOWEST * 2 * np.pi * cycle.cycle * rate)
+    i = np.unique(np.linspace(0, len(strobes.time) - 1, min(FLASHES, len(strobes.time))).round().astype(int))
+    if len(strobes.time) > FLASHES:  # neighbours belong together
+        i = np.arange(len(strobes.time) - FLASHES, len(strobes.time))
+    survey, own = stretch.survey, surveyed.index(found.row)
+    return Judgement(
+        name=recording.name,
+        channel=channel.name,
+        quantity=channel.quantity,  # type: ignore[arg-type]
+        unit=channel.unit,
+        teeth=teeth,
+        sample_rate=rate,
+        spindle_frequency=cycle.cycle * rate,
+        spindle_frequency_sd=cycle.sd * rate if np.isfinite(cycle.sd) else np.nan,
+        steady=(stretch.start / rate, stretch.stop / rate),
+        revolutions=int(revolutions),
+        verdict=verdict.verdict,  # type: ignore[arg-type]
+        why=verdict.why,
+        period=verdict.period,
+        metric=float(strobes.change[0]),
+        metric_relative=float(strobes.change[0]) / rms,
+        chatter_frequency=chatter,
+        chatter_frequency_sd=None if chatter is None else _sd(tones[0], verdict, cycle, rate),
+        chatter_share=verdict.share,
+        peaks=tuple(_peak(tone, found, rate, aliased) for tone in told[:MOST_PEAKS]),
+        stable_speeds=speeds,
+        frequency=frequency,
+        spectrum=spectrum,
+        remaining=remaining,
+        sample_time=(stretch.start + strobes.time[i]) / rate,
+        once_per_tooth=strobes.value[i],
+        overview_time=survey.time / rate,
+        overview_low=survey.low[own],
+        overview_high=survey.high[own],
+        conditions=recording.conditions,
+        notices=notices,
+    )
+
+
+def _sd(tone: Tone, verdict: Finding, cycle: Cycle, rate: float) -> float:
+    """Of the chatter frequency; where it is a harmonic of the spindle, that of the spindle.   Hz"""
+    if verdict.alternates:
+        return float(tone.frequency / cycle.cycle * cycle.sd * rate) if np.isfinite(cycle.sd) else float("nan")
+    return tone.deviation * rate
+
+
+def _peak(tone: Tone, found: Remains, rate: float, aliased: bool) -> ChatterPeak:
+    f = tone.frequency * rate
+    share = tone.power / max(float(np.mean(found.signal**2)), 1e-300)
+    return ChatterPeak(f, float(np.sqrt(2 * tone.power)), share, rate - f if aliased else None)
+
+
+def _spectra(found: Remains, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Amplitudes as recorded and as left, the highest of each few lines where there are many.   returns Hz and both"""
+    rest = found.spectra
+    read = spectra.reader_of(found.signal[np.newaxis])
+    nothing = np.zeros((1, 2), complex)
+    whole = residual_spectra(read, 0, rest.size, rest.stretches, 0.01, nothing)
+    step = max(1, -(-rest.power.shape[1] // LINES))
+    edges = np.arange(0, rest.power.shape[1], step)
+    amplitude = [np.sqrt(np.maximum.reduceat(s.power[0], edges) * 6 / rest.size) for s in (whole, rest)]
+    return rest.frequency[edges] * rate, amplitude[0], amplitude[1]

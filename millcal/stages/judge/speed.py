@@ -1,0 +1,65 @@
+"""The spindle speed during the cut: from the pulse per revolution, else from the harmonics."""
+
+import numpy as np
+
+from millcal.data import Recording
+from millcal.numerics.comb import comb_cycle
+from millcal.numerics.pulses import number_pulses, pulse_times
+from millcal.numerics.spectra import Cycle
+from millcal.stages.judge.signal import Note, reader
+
+SPAN = 0.03  # how far the stated speed may be off
+FAR_FROM_STATED = 0.01
+HARMONICS = 60
+FEWEST_SEEN = 2  # harmonics that stand out, for a speed by them
+PULSE_SCATTER = 0.05  # of a revolution
+
+
+def refined_cycle(
+    recording: Recording, samples: np.ndarray, start: int, stated: float, teeth: int, note: Note
+) -> tuple[Cycle, bool]:
+    """The spindle frequency in cycles per sample, and whether anything in the signal follows it.
+
+    samples : (channel, sample) from `start` on   stated : cycles per sample
+    """
+    by_comb, seen = comb_cycle(samples, stated, harmonics=max(HARMONICS, 6 * teeth), every=teeth, span=SPAN)
+    follows = seen >= FEWEST_SEEN
+    by_pulse = _pulse_cycle(recording, start, start + samples.shape[1], stated, note)
+    if by_pulse is not None:
+        found = by_pulse
+        if follows and by_comb.sd < found.sd:  # the pulse is right to a revolution, the harmonics are finer
+            near = abs(by_comb.cycle - found.cycle) < 5 * np.hypot(found.sd, by_comb.sd)
+            found = by_comb if near else found
+    else:
+        found = by_comb if follows else Cycle(stated, 0.005 * stated)
+    if abs(found.cycle / stated - 1) > FAR_FROM_STATED:
+        note(
+            "speed-off",
+            f"the record says {found.cycle / stated - 1:+.1%} against the stated spindle speed; the measured one is used, "
+            "check the speed and the sample rate",
+        )
+    if not follows:
+        note(
+            "not-synchronous",
+            "nothing in the signal follows a spindle near the stated speed; is it the speed of this cut?",
+        )
+    return found, follows
+
+
+def _pulse_cycle(recording: Recording, start: int, stop: int, stated: float, note: Note) -> Cycle | None:
+    rows = recording.rows_of("pulse")
+    if not rows:
+        return None
+    times = pulse_times(reader(recording, rows[:1]), start, stop)
+    kept, number = number_pulses(times, 1 / stated)
+    expected = (stop - start) * stated
+    if len(kept) < max(3, 0.5 * expected):
+        note("pulse-unusable", f"{len(times)} pulses in {expected:.0f} revolutions: not used")
+        return None
+    slope, origin = np.polyfit(number, times[kept], 1)
+    scatter = float(np.std(times[kept] - slope * number - origin))
+    if scatter > PULSE_SCATTER * slope:
+        note("pulse-unusable", "the pulses do not come at an even pace: not used")
+        return None
+    sd = max(scatter, 0.05) * np.sqrt(12 / len(kept)) / max(float(np.ptp(number)), 1.0)
+    return Cycle(float(1 / slope), float(sd / slope**2))

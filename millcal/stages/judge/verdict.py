@@ -1,0 +1,197 @@
+"""From what remains of a cut to its verdict: stable, period-n, chatter, or not known, each with its reason.
+
+A limit cycle ends where teeth leave the cut, so developed chatter moves the tool about as far as the feed per tooth: it is
+never a small share of the signal near the tool. Small tones are therefore not called chatter unless their company a tooth passing
+away shows that the cut modulates them.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from millcal.numerics.tones import Tone, folded
+from millcal.stages.judge.alternation import SMALL, Alternation, reading
+from millcal.stages.judge.remains import Remains
+
+SURE = 0.15  # share of the power from which a tone without company is chatter
+WITH_COMPANY = 0.02  # with tones a tooth passing away
+COMPANY = 0.003  # of its power, from which a tone a tooth passing away is one
+BROAD = 0.5  # share of a hump from which it is chatter that wanders
+DOUBTFUL_HUMP = 0.2
+FEWEST_REVOLUTIONS = 8  # for a verdict of what is not there
+LONGEST_PERIOD = 8
+REPEATS = 0.2  # M(n) over M(1)
+GROWS = 3.0
+DIES = 0.3
+
+
+class Finding(NamedTuple):
+    """The verdict and what it rests on."""
+
+    verdict: str
+    why: str
+    period: int | None
+    tones: list[Tone]  # of the chatter, strongest first
+    share: float
+    alternates: bool  # the harmonics at odd multiples of half the tooth passing are chatter
+
+
+def company(family: list[Tone], passing: float, size: int) -> int:
+    """Tones a whole number of tooth passings from the strongest, or so after a change of sign.   passing : per sample"""
+    first = family[0]
+    count = 0
+    for tone in family[1:]:
+        if tone.power < COMPANY * first.power:
+            continue
+        reach = 1.0 / size + 3 * (tone.deviation + first.deviation)
+        near = abs(float(folded(tone.frequency, passing)) - float(folded(first.frequency, passing))) < reach
+        count += near and abs(tone.frequency - first.frequency) > 0.4 * passing
+    return count
+
+
+def rational_period(tone: Tone, passing: float, size: int, changes: np.ndarray) -> int | None:
+    """Teeth after which a motion with this tone repeats; None where it does not soon.
+
+    A frequency near a fraction repeats nearly: the mean change over n teeth must have fallen as well.
+    """
+    turn = tone.frequency / passing
+    reach = (0.1 / size + 3 * tone.deviation) / passing
+    for n in range(2, LONGEST_PERIOD + 1):
+        near = abs(turn * n - round(turn * n)) / n < min(reach, 0.05 / n**2)
+        if near and len(changes) >= n and changes[n - 1] < REPEATS * changes[0]:
+            return n
+    return None
+
+
+def judged(
+    found: Remains,
+    *,
+    teeth: int,
+    cycle: float,
+    rate: float,
+    revolutions: float,
+    follows: bool,
+    amplitudes: np.ndarray,
+    changes: np.ndarray,
+    alternating: Alternation | None,
+    alternating_grows: bool,
+    expected: float | None,
+) -> Finding:
+    """The verdict on one channel.
+
+    amplitudes : (block,) course of the strongest tone   changes : M(1), M(2), .. without harmonics of the spindle
+    alternating_grows : the lines at odd multiples of half the tooth passing grow against those of the tooth passing
+    expected : by how much chips alternate by a runout that was measured; None: not known
+    """
+    size, passing = found.spectra.size, teeth * cycle
+    unit = "Hz"
+    share = found.share
+    if len(amplitudes) and found.family:
+        mean_square = float(np.mean(amplitudes**2))
+        thirds = [float(np.sqrt(np.mean(part**2))) for part in np.array_split(amplitudes, 3)]
+        if thirds[2] < DIES * thirds[0] and mean_square > 0:
+            share *= thirds[2] ** 2 / mean_square
+    several = company(found.family, passing, size) if found.family else 0
+    needed = WITH_COMPANY if several else SURE
+    if found.family and share >= needed:
+        tone = found.family[0]
+        f = tone.frequency * rate
+        period = rational_period(tone, passing, size, changes)
+        beside = f" with {several} more a tooth passing apart" if several else ""
+        course = _course(amplitudes)
+        if period is not None:
+            return Finding(
+                "period-n",
+                f"a line at {f:.5g} {unit}{beside} holds {share:.0%} of the power and the motion repeats every {period} teeth"
+                + (": a flip" if period == 2 else "") + course,
+                period, found.family, found.share, False,
+            )  # fmt: skip
+        return Finding(
+            "chatter",
+            f"a line at {f:.5g} {unit}{beside} follows neither teeth nor spindle and holds {share:.0%} of the power{course}",
+            None, found.family, found.share, False,
+        )  # fmt: skip
+    if found.hump_share >= BROAD:
+        hump = found.humps[0]
+        return Finding(
+            "chatter",
+            f"a broad line about {hump.frequency * rate:.4g} {unit} holds {found.hump_share:.0%} of the power: chatter whose "
+            "frequency wanders",
+            None, [hump], found.hump_share, False,
+        )  # fmt: skip
+    if alternating is not None and revolutions >= FEWEST_REVOLUTIONS:
+        told = _alternation(alternating, teeth, cycle, rate, alternating_grows, expected)
+        if told is not None:
+            return told
+    if revolutions < FEWEST_REVOLUTIONS:
+        return _unknown(
+            f"{revolutions:.1f} revolutions are too few to see what lies between the harmonics of the spindle"
+        )
+    if not follows:
+        return _unknown(
+            "nothing in the signal follows the spindle, and no line of its own stands out: is the cut in it?"
+        )
+    if found.family and share >= WITH_COMPANY:
+        return _unknown(
+            f"a line at {found.family[0].frequency * rate:.5g} {unit} holds {share:.1%} of the power and has no company a tooth "
+            "passing away: chatter that begins, or another machine; an air cut would tell"
+        )
+    if found.hump_share >= DOUBTFUL_HUMP:
+        return _unknown(
+            f"a broad hump about {found.humps[0].frequency * rate:.4g} {unit} holds {found.hump_share:.0%} of the power: a "
+            "resonance that noise excites, or chatter that wanders"
+        )
+    why = f"all that stands out follows the teeth and the spindle, up to {rate / 2:.5g} Hz"
+    if alternating is not None and alternating.power > SURE:
+        order = alternating.strongest
+        why += (
+            f"; runout shows {alternating.power:.2g} times the power of the tooth passing at odd multiples of half of it, the "
+            f"most at {order * cycle * rate:.5g} {unit}"
+        )
+    if found.family and found.share >= WITH_COMPANY:
+        why += f"; a line at {found.family[0].frequency * rate:.5g} {unit} dies away"
+    return Finding("stable", why, 1, [], share, False)
+
+
+def _unknown(why: str) -> Finding:
+    return Finding("not known", why, None, [], 0.0, False)
+
+
+def _course(amplitudes: np.ndarray) -> str:
+    """What is to be told of how a tone grows or goes."""
+    if len(amplitudes) < 6:
+        return ""
+    first, _, last = (float(np.sqrt(np.mean(part**2))) for part in np.array_split(amplitudes, 3))
+    if last > GROWS * first:
+        return "; it grows during the cut"
+    if last < DIES * first:
+        return "; it dies away during the cut"
+    return ""
+
+
+def _alternation(
+    found: Alternation, teeth: int, cycle: float, rate: float, grows: bool, expected: float | None
+) -> Finding | None:
+    """A flip, or why it cannot be told from runout; None where it is runout.   cycle : turns per sample   rate : Hz"""
+    said = reading(found, teeth, expected)
+    at = found.strongest * cycle * rate
+    share = found.power / (1 + found.power)
+    if said == "runout" and not (grows and found.power >= SMALL):
+        return None
+    if said == "flip" or grows:
+        line = Tone(found.strongest * cycle, 0.0, share, True)
+        why = (
+            f"every other tooth cuts otherwise, with {share:.0%} of the power at odd multiples of half the tooth passing, the most "
+            f"at {at:.5g} Hz"
+        )
+        why += "; it grows against the tooth passing: a flip" if grows else (
+            ": a flip; only runout so large that every other tooth cuts nothing would look the same"
+            if expected is None
+            else ": a flip, far more than the measured runout makes"
+        )  # fmt: skip
+        return Finding("period-n", why, 2, [line], share, True)
+    return _unknown(
+        f"every other tooth cuts otherwise ({found.power:.2g} times the power of the tooth passing, the most at {at:.5g} Hz): "
+        "strong runout near a resonance and a flip look the same here; a cut at a speed some percent away, or the cutter's "
+        "measured runout, would tell"
+    )
