@@ -32,7 +32,7 @@ class Unknowns(NamedTuple):
     """What is unknown on the nodes and the force it makes: F = - b sum of column (S0 now - S1 before); see `floquet_kernel`."""
 
     piece: np.ndarray
-    index: np.ndarray
+    place: np.ndarray
     row: np.ndarray
     column: np.ndarray
     rubs: np.ndarray
@@ -109,7 +109,7 @@ def pieces_of(cut: Regeneration, depth: float) -> Pieces:
         teeth = [tuple(k for k in range(most) if t + k * period < swept + lag) for t in middle]
     else:
         period = 2 * np.pi
-        lags = np.concatenate([[0.0], np.cumsum(cut.pitch)[:-1]])
+        lags = np.concatenate([[0.0], np.cumsum(pitches_of(cut))[:-1]])
         ends = np.concatenate([lags + end for end in (0.0, swept + lag, *([lag, swept] if lag else []))])
         marks = _marks(np.mod(ends, period), period)
         engaged = (np.mod(marks[:-1, np.newaxis] + np.diff(marks)[:, np.newaxis] / 2 - lags, period) < swept + lag).sum(
@@ -138,18 +138,21 @@ def _marks(ends: np.ndarray, period: float) -> np.ndarray:
     return np.array([*kept, period])
 
 
+def pitches_of(cut: Regeneration) -> np.ndarray:
+    """From tooth k to tooth k + 1, which is also the delay of tooth k + 1.   returns (tooth,) rad"""
+    return np.full(cut.teeth, 2 * np.pi / cut.teeth) if cut.pitch is None else np.asarray(cut.pitch, float)
+
+
 def delays_of(cut: Regeneration) -> np.ndarray:
-    """By how much each tooth comes after the one that cut before it, rad.   returns (tooth,)"""
-    if cut.equal_pitch:
-        return np.full(cut.teeth, 2 * np.pi / cut.teeth)
-    return np.roll(cut.pitch, 1)
+    """By how much each tooth comes after the one that cut before it.   returns (tooth,) rad"""
+    return np.roll(pitches_of(cut), 1)
 
 
 def _tooth_angle(cut: Regeneration, tooth: int, at: np.ndarray) -> np.ndarray:
     """Angle of a tooth at the helix bottom.   tooth : as in `Pieces.teeth`   at : rad since the entry of tooth 0"""
     if cut.equal_pitch:
         return cut.entry + at + tooth * 2 * np.pi / cut.teeth
-    lag = float(np.sum(cut.pitch[:tooth]))
+    lag = float(np.sum(pitches_of(cut)[:tooth]))
     return cut.entry + np.mod(at - lag, 2 * np.pi)
 
 
@@ -187,16 +190,15 @@ def unknowns_of(pieces: Pieces, tip: TipModes, cut: Regeneration, depth: float, 
     """The unknowns of a period.   depth : m, counts with a helix alone   orders : nodes of each piece, integer (piece,)"""
     moves = _only_direction(np.concatenate([tip.output, tip.flexibility.T]))
     pushed = _only_direction(np.concatenate([tip.given, tip.flexibility]))
-    alone = moves is not None and pushed is not None
     straight = cut.wind * depth == 0.0
     single = straight and all(len(those) == 1 for those in pieces.teeth)
-    apart = (
-        not cut.equal_pitch and not single
-    )  # the delayed motion lies between nodes: force and motion need frames of their own
+    # where the delayed motion lies between nodes, force and motion each need a frame of their own
+    apart = not (cut.equal_pitch or single)
     friction = cut.indentation / cut.radius if cut.indentation else 0.0
     laws = ((cut.ktc, cut.krc, False), (cut.indentation_friction * friction, friction, True))[: 2 if friction else 1]
-    rows = np.array([moves]) if alone else np.eye(2)
-    columns = np.array([pushed]) if alone else np.eye(2)
+    alone = moves is not None and pushed is not None
+    rows = np.array([moves]) if alone else np.eye(2)  # of the motion
+    columns = np.array([pushed]) if alone else np.eye(2)  # of the force
     parts: list[tuple[int, int, np.ndarray, np.ndarray, bool]] = []  # piece, node, row, column, rubs
     blocks: list[tuple[int, np.ndarray]] = []  # first unknown of a node, its part of S0
     waves: list[tuple[int, float, int, np.ndarray]] = []  # first unknown of a node, rad, tooth, force of its wave
@@ -214,14 +216,14 @@ def unknowns_of(pieces: Pieces, tip: TipModes, cut: Regeneration, depth: float, 
                     continue
                 matrix = sum(part[i] for part in each)
                 if alone:
-                    parts.append((p, i, moves, pushed * (pushed @ matrix @ moves), rubs))
+                    parts.append((p, i, rows[0], columns[0] * (columns[0] @ matrix @ rows[0]), rubs))
                 elif single:
                     angle = _tooth_angle(cut, teeth[0], at[i : i + 1])[0]
                     chip = np.array([np.sin(angle), np.cos(angle)])
                     parts.append((p, i, chip, matrix @ chip, rubs))
                 else:
                     parts += [(p, i, np.eye(2)[k], matrix[:, k], rubs) for k in range(2)]
-    piece, index, row, column, rubbing = (np.array(part) for part in zip(*parts, strict=True))
+    piece, place, row, column, rubbing = (np.array(part) for part in zip(*parts, strict=True))
     now, before = np.eye(len(parts)), np.zeros((len(parts), len(parts)))
     if apart:
         now, before = _waves_between_nodes(pieces, cut, orders, blocks, waves, (piece, rubbing))
@@ -233,7 +235,7 @@ def unknowns_of(pieces: Pieces, tip: TipModes, cut: Regeneration, depth: float, 
             now[mine, last] = -1.0
         before[places[0], places[-1]] = 1.0
     memory = np.flatnonzero(before.any(axis=0))
-    return Unknowns(piece, index, row, column, rubbing, now, before[:, memory], memory, cut.equal_pitch)
+    return Unknowns(piece, place, row, column, rubbing, now, before[:, memory], memory, cut.equal_pitch)
 
 
 def _waves_between_nodes(
@@ -259,7 +261,7 @@ def _waves_between_nodes(
         p = int(np.clip(np.searchsorted(ends, past), 0, len(ends) - 1))
         inside = np.array([(past - pieces.start[p]) / pieces.length[p]])
         share = lagrange(gauss_table(int(orders[p]))[0], inside)[0]
-        for value, place in zip(share, first_of[p], strict=True):
+        for value, node in zip(share, first_of[p], strict=True):
             change = -value if target is now else value
-            target[first : first + size, place : place + size] += change * force
+            target[first : first + size, node : node + size] += change * force
     return now, before

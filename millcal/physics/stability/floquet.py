@@ -298,8 +298,8 @@ def all_crossings(
         at_end = np.where(found.angle == 0, FOLD, FLIP)
         kind = np.where((found.angle == 0) | (found.angle == np.pi), at_end, HOPF)
         parts.append((np.full(len(kind), i), found.factor, kind, np.exp(1j * found.angle), found.rising))
-    columns = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return _crossings(speed, *columns, tip, cut)
+    column, depth, kind, multiplier, loses = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return _crossings(speed, column, depth, kind, multiplier, loses, tip, cut)
 
 
 KEPT = 12  # multipliers of a point, largest first

@@ -36,7 +36,7 @@ class Problem(NamedTuple):
         np.ndarray
     )  # (table, n + 1, n + 2, n): of the force at node j in the integral to node i; i = n: of the whole
     piece: np.ndarray  # integer (unknown,)
-    index: np.ndarray  # integer (unknown,): node within its piece
+    place: np.ndarray  # integer (unknown,): node within its piece
     row: np.ndarray  # (unknown, 2): what is taken of r, or of r' where `rubs`
     column: np.ndarray  # (unknown, 2): force per unknown and depth
     rubs: np.ndarray  # bool (unknown,): a velocity, whose column counts as 1 / Omega and which leaves no wave
@@ -76,7 +76,7 @@ def _prepare(p, speed, gamma, phi, evolution, feed, block, power, waves):
             for b in range(unknowns):
                 if p.piece[b] != piece:
                     continue
-                j = p.index[b]
+                j = p.place[b]
                 force = p.given[m, 0] * p.column[b, 0] + p.given[m, 1] * p.column[b, 1]
                 if p.rubs[b]:
                     force /= speed
@@ -88,7 +88,7 @@ def _prepare(p, speed, gamma, phi, evolution, feed, block, power, waves):
                         seen = p.output[m, 0] * p.row[a, 0] + p.output[m, 1] * p.row[a, 1]
                         if p.rubs[a]:
                             seen *= p.pole[m]
-                        i = p.index[a]
+                        i = p.place[a]
                         gamma[a, b] += 2 * (
                             (seen.real * force.real - seen.imag * force.imag) * block[i, j].real
                             - (seen.real * force.imag + seen.imag * force.real) * block[i, j].imag
@@ -106,7 +106,7 @@ def _prepare(p, speed, gamma, phi, evolution, feed, block, power, waves):
                                 force = p.given[m, 0] * p.column[b, 0] + p.given[m, 1] * p.column[b, 1]
                                 if p.rubs[b]:
                                     force /= speed
-                                gamma[a, b] += (seen * force * block[n, p.index[b]]).real
+                                gamma[a, b] += (seen * force * block[n, p.place[b]]).real
         for a in range(unknowns):
             angle = _angle(p, a)
             seen = (p.output[m, 0] * p.row[a, 0] + p.output[m, 1] * p.row[a, 1]) / size * np.exp(s * angle)
@@ -119,7 +119,7 @@ def _prepare(p, speed, gamma, phi, evolution, feed, block, power, waves):
         evolution[2 * m, 2 * m + 1], evolution[2 * m + 1, 2 * m] = -whole.imag, whole.real * 0.0 + whole.imag
     for a in range(unknowns):
         for b in range(unknowns):
-            if p.piece[a] == p.piece[b] and p.index[a] == p.index[b]:
+            if p.piece[a] == p.piece[b] and p.place[a] == p.place[b]:
                 at_once = 0.0
                 for k in range(2):
                     for l in range(2):
@@ -138,7 +138,7 @@ def _prepare(p, speed, gamma, phi, evolution, feed, block, power, waves):
 def _angle(p, unknown):
     """Where an unknown stands, rad since the start of the period."""
     piece = p.piece[unknown]
-    return p.start[piece] + p.length[piece] * p.node[p.table[piece], p.index[unknown]]
+    return p.start[piece] + p.length[piece] * p.node[p.table[piece], p.place[unknown]]
 
 
 @njit(cache=True)
