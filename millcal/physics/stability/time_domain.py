@@ -320,6 +320,8 @@ def _entries(
     around = np.clip(floor[..., np.newaxis] + np.arange(-1, 3), 0, count - 1)
     before = number[ahead, slice_[..., np.newaxis, np.newaxis], around]
     middle = end - turn / 2
+    if whole:  # else a place would not be at one angle for all teeth
+        middle = (np.minimum(end, cut.leave) + np.maximum(end - turn, cut.entry)) / 2
     c0, s0 = runout
     offset = np.broadcast_to((c0 * np.cos(lag) - s0 * np.sin(lag))[..., np.newaxis], step.shape)
 

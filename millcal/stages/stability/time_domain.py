@@ -17,7 +17,7 @@ stable only if it repeats every tooth with the runout left out.
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -35,6 +35,7 @@ HALVINGS = 5  # of the step between two depths
 FALLS = 0.97  # of the change before: what is above it is steady
 EVEN = 0.3  # of what is lost from stretch to stretch: by how much that may differ in a power
 RESTS = 0.1  # of the last change: what a power may seem to leave
+NOT_KEPT = np.empty((0, 0, 2))
 
 
 class _Cut(NamedTuple):
@@ -47,7 +48,7 @@ class _Cut(NamedTuple):
     kre: float
     runout: tuple[float, float]
 
-    def options(self) -> dict[str, object]:
+    def options(self) -> dict[str, Any]:
         return {"feed_per_tooth": self.feed_per_tooth, "kte": self.kte, "kre": self.kre, "runout": self.runout}
 
 
@@ -56,7 +57,7 @@ class _Outcome(NamedTuple):
 
     period: int  # in what `SimulatedCuts` says; 1: stable, 0: never
     metric: float  # m
-    samples: np.ndarray  # (phase, flash, 2), m
+    samples: np.ndarray  # (phase, flash, 2), m; those of a grid are not kept
     hidden: bool  # a period doubling that runout hides
     decided: bool
 
@@ -91,41 +92,29 @@ def crossings_in_time(
         if progress is not None:
             progress(i / len(speeds))
         column = [_simulated(what, speed, depth) for depth in grid]
-        outcomes += column
-        was, kind, frequency = True, HOPF, np.nan  # nothing is stable
-        for k, outcome in enumerate(column):
-            now = outcome.period == 1
-            if now == was:
-                continue
-            stable_side, other_side = (
-                (grid[k] - deepest / depths, grid[k]) if was else (grid[k], grid[k] - deepest / depths)
-            )
-            chattering = outcome if was else column[k - 1]
-            for _ in range(HALVINGS):
-                middle = (stable_side + other_side) / 2
-                tried = _simulated(what, speed, middle)
-                if tried.period == 1:
-                    stable_side = middle
-                else:
-                    other_side, chattering = middle, tried
-            if was:
-                kind, frequency = _chatter(what, speed, other_side, chattering)
-            rows.append((i, (stable_side + other_side) / 2, kind, frequency, was))
-            was = now
+        outcomes += [outcome._replace(samples=NOT_KEPT) for outcome in column]
+        kind, frequency = HOPF, np.nan
+        stable = np.array([True, *(outcome.period == 1 for outcome in column)])  # nothing cut is stable
+        for k in np.flatnonzero(np.diff(stable)):
+            above, below = (grid[k - 1] if k else 0.0), grid[k]
+            if stable[k]:
+                rests, chatters, outcome = _between(what, speed, above, below, column[k])
+                kind, frequency = _chatter(what, speed, chatters, outcome)
+            else:
+                rests, chatters, _ = _between(what, speed, below, above, column[k - 1])
+            rows.append((i, (rests + chatters) / 2, kind, frequency, bool(stable[k])))
     at, depth, kinds, frequencies, loses = zip(*rows, strict=True) if rows else ((),) * 5
     crossings = Crossings(
-        np.array(at, int),
-        np.array(depth, float),
-        np.array(kinds, int),
-        np.array(frequencies, float),
+        np.array(at, int), np.array(depth, float), np.array(kinds, int), np.array(frequencies, float),
         np.array(loses, bool),
-    )
+    )  # fmt: skip
     points = np.repeat(speeds, depths), np.tile(grid, len(speeds))
     notices = [
         Notice(
             "depth-grid",
             f"the time domain was looked at every {1e3 * deepest / depths:.3g} mm of depth: what lies between two stable cuts "
             f"is not shown, and limits hold to {1e3 * deepest / depths / 2 ** (HALVINGS + 1):.2g} mm",
+            level="note",
         )
     ]
     return crossings, _record(what, *points, outcomes), (*notices, *_notices(outcomes))
@@ -149,7 +138,7 @@ def simulated_cuts(
     for i, (speed, b) in enumerate(zip(spindle_speed, depth, strict=True)):
         if progress is not None:
             progress(i / len(depth))
-        outcomes.append(_simulated(what, float(speed), float(b)))
+        outcomes.append(_simulated(what, float(speed), float(b))._replace(samples=NOT_KEPT))
     return _record(what, np.asarray(spindle_speed, float), np.asarray(depth, float), outcomes), _notices(outcomes)
 
 
@@ -233,6 +222,20 @@ def _simulated(what: _Cut, speed: float, depth: float) -> _Outcome:
     return _Outcome(period, float(found.change[0]), samples, hidden, decided)
 
 
+def _between(
+    what: _Cut, speed: float, rests: float, chatters: float, outcome: _Outcome
+) -> tuple[float, float, _Outcome]:
+    """A depth that is stable and one that chatters, brought together by halving, with how the latter went."""
+    for _ in range(HALVINGS):
+        middle = (rests + chatters) / 2
+        tried = _simulated(what, speed, middle)
+        if tried.period == 1:
+            rests = middle
+        else:
+            chatters, outcome = middle, tried
+    return rests, chatters, outcome
+
+
 def _dies_out(levels: list[float]) -> bool:
     """Whether the change falls from stretch to stretch as a power does, towards nothing."""
     if len(levels) < 4:
@@ -296,8 +299,8 @@ def _notices(outcomes: list[_Outcome]) -> tuple[Notice, ...]:
         notices.append(
             Notice(
                 "undecided-cuts",
-                f"{open_} of {len(outcomes)} simulated cuts were still coming to rest after {2 * LONGER * FLASHES} periods and count "
-                "as chatter: they lie close to the limit",
+                f"{open_} of {len(outcomes)} simulated cuts were still coming to rest after {2 * LONGER * FLASHES} periods "
+                "and count as chatter: they lie close to the limit",
             )
         )
     hidden = sum(outcome.hidden for outcome in outcomes)

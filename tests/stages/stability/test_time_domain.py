@@ -1,0 +1,135 @@
+"""Points and limits of a map in the time domain against multipliers, and what the multipliers do not see."""
+
+import numpy as np
+import pytest
+
+from millcal.errors import IllPosedError
+from millcal.physics.stability import floquet
+from millcal.physics.stability.regeneration import KINDS, Regeneration, tip_of_shapes
+from millcal.stages.stability.time_domain import crossings_in_time, simulated_cuts, with_bifurcation
+
+RPM = 2 * np.pi / 60
+FLEXURE = tip_of_shapes([np.sqrt(1.64e6 / 2.51) / (2 * np.pi)], [114 / 2 / np.sqrt(1.64e6 * 2.51)], [[2.51**-0.5, 0.0]])
+INSERT = Regeneration(1, np.arccos(2 * 5 / 15.88 - 1), np.pi, 903.9e6, 534.5e6)  # one tooth, 15.88 mm, 5 mm down
+FEED = {"feed_per_tooth": 0.1e-3}
+TWO_TEETH = Regeneration(2, np.pi - np.arccos(1 - 2 * 0.1), np.pi, 600e6, 200e6)
+THIN = tip_of_shapes([922.0], [0.011], [[1 / np.sqrt(0.03993), 0.0]])
+
+
+def grid(speeds, depths):
+    """Speeds rad/s and depths m of all pairs."""
+    return [values.ravel() for values in np.meshgrid(speeds, depths)]
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        grid(np.linspace(2500, 7500, 11) * RPM, np.linspace(0.5, 10, 10) * 1e-3),
+        pytest.param(grid(np.linspace(2500, 7500, 41) * RPM, np.linspace(0.5, 10, 20) * 1e-3), marks=pytest.mark.long),
+    ],
+    ids=["110", "820"],
+)
+def test_simulated_cuts_agree_with_multipliers_away_from_the_limit(points):
+    """At least 98 % where |rho - 1| > 0.01; the others are cuts that chatter though small waves die."""
+    cuts, notices = simulated_cuts(FLEXURE, INSERT, *points, **FEED)
+    radius = floquet.spectral_radius(*points, FLEXURE, INSERT)
+    far = np.abs(radius - 1) > 0.01
+    same = (cuts.period == 1) == (radius < 1)
+    assert np.mean(same[far]) >= 0.98
+    assert not np.any((cuts.period == 1) & (radius > 1.01))
+    assert cuts.per == "tooth"
+    assert notices == ()
+
+
+def test_a_cut_that_lasts_in_chatter_though_its_multiplier_is_below_one_is_found():
+    """5125 rpm, 10 mm: rho 0.9875, and a motion of period five in which the tooth leaves the cut."""
+    speed, depth = np.array([5125 * RPM]), np.array([10e-3])
+    assert floquet.spectral_radius(speed, depth, FLEXURE, INSERT)[0] == pytest.approx(0.9875, abs=1e-4)
+    assert simulated_cuts(FLEXURE, INSERT, speed, depth, **FEED)[0].period == 5
+
+
+PUBLISHED = {  # rpm: crossings mm
+    2500: "7.79251 hopf", 3000: "2.56558 flip", 3500: "3.40265 hopf", 4117: "7.20995 flip", 4500: "4.10073 flip",
+    4750: "2.72027 flip", 5233: "7.23551 hopf", 5500: "4.39657 hopf", 7000: "5.85903 hopf", 7500: "none",
+}  # fmt: skip
+
+
+def test_limits_of_the_flexure_are_those_of_the_published_table():
+    """To the last halving, 16 um, and the little by which lasting chatter comes before the multiplier."""
+    speeds = np.array(list(PUBLISHED)) * RPM
+    found, cuts, notices = crossings_in_time(FLEXURE, INSERT, speeds, deepest=10e-3, **FEED)
+    first = found.first(len(speeds))
+    exact = floquet.boundary(speeds, FLEXURE, INSERT, deepest=10e-3).first(len(speeds))
+    for i, text in enumerate(PUBLISHED.values()):
+        if text == "none":
+            assert np.isinf(first.depth[i])
+            continue
+        depth, kind = text.split()
+        assert 1e3 * first.depth[i] == pytest.approx(float(depth), abs=0.04)
+        assert KINDS[first.kind[i]] == kind
+        assert first.frequency[i] == pytest.approx(exact.frequency[i], rel=1e-9 if kind == "flip" else 3e-3)
+    assert cuts.period.shape == (20 * len(speeds),)
+    assert [notice.code for notice in notices] == ["depth-grid"]
+
+
+def test_stability_that_comes_back_with_depth_is_a_crossing_too():
+    """The island of flips at 3000 rpm, 2.57 to 4.95 mm, then a Hopf at 7.11 mm; the flip lasts a little past its end."""
+    found, *_ = crossings_in_time(FLEXURE, INSERT, np.array([3000 * RPM]), deepest=8e-3, depths=16, **FEED)
+    assert found.depth * 1e3 == pytest.approx([2.566, 5.05, 7.06], abs=0.12)
+    assert found.loses.tolist() == [True, False, True]
+    assert [KINDS[kind] for kind in found.kind] == ["flip", "flip", "hopf"]
+
+
+def test_halving_the_feed_changes_no_limit():
+    whole, half = (
+        crossings_in_time(FLEXURE, INSERT, np.array([5500 * RPM]), deepest=6e-3, depths=6, feed_per_tooth=feed)[0]
+        for feed in (2e-4, 1e-4)
+    )
+    assert np.array_equal(whole.depth, half.depth)
+
+
+def test_a_flip_of_two_teeth_is_not_hidden_by_runout():
+    """With runout both repeat every revolution; without, the flip does not repeat every tooth."""
+    speed, (shallow, deep) = 10_000 * RPM, (1.2e-3, 2.7e-3)
+    mu = floquet.multipliers(speed, deep, THIN, TWO_TEETH)[0]
+    assert mu.real < -1.01
+    assert abs(mu.imag) < 1e-9
+    options = {**FEED, "runout": (3e-6, 0.0)}
+    cuts, notices = simulated_cuts(THIN, TWO_TEETH, np.full(2, speed), np.array([shallow, deep]), **options)
+    assert cuts.per == "revolution"
+    assert cuts.period.tolist() == [1, 0]
+    assert [notice.code for notice in notices] == ["hidden-flips"]
+
+
+def test_a_line_of_cuts_branches_where_the_flip_begins():
+    """One displacement for each stable depth, two beyond 2.72 mm at 4750 rpm, and many in chatter."""
+    depths = np.array([1e-3, 2e-3, 2.5e-3, 3.5e-3, 4.5e-3, 8e-3])
+    cuts, _ = simulated_cuts(FLEXURE, INSERT, np.full(6, 4750 * RPM), depths, **FEED)
+    line = with_bifurcation(cuts, FLEXURE, INSERT, 4750 * RPM, depths, flashes=40, **FEED)
+    branches = []
+    for depth in depths:
+        seen = line.bifurcation_displacement[line.bifurcation_depth == depth]
+        assert len(seen) == 40
+        branches.append(len(np.unique(np.round(seen / 2e-6))))
+    assert branches[:3] == [1, 1, 1]
+    assert branches[3:5] == [2, 2]
+    assert branches[5] > 4
+
+
+def test_the_same_cuts_give_the_same_answers():
+    speeds = np.array([4500, 6500]) * RPM
+    once, again = (crossings_in_time(FLEXURE, INSERT, speeds, deepest=6e-3, depths=6, **FEED)[0] for _ in range(2))
+    assert all(np.array_equal(a, b) for a, b in zip(once, again, strict=True))
+
+
+def test_what_is_done_is_told():
+    told = []
+    crossings_in_time(
+        FLEXURE, INSERT, np.array([4500, 6500]) * RPM, deepest=2e-3, depths=2, progress=told.append, **FEED
+    )
+    assert told == [0.0, 0.5]
+
+
+def test_a_cut_without_a_feed_is_refused():
+    with pytest.raises(IllPosedError, match="feed_per_tooth_mm"):
+        crossings_in_time(FLEXURE, INSERT, np.array([4500 * RPM]), deepest=6e-3, feed_per_tooth=None)
