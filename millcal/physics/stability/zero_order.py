@@ -237,7 +237,7 @@ def limits_of_draws(
     cutting = np.asarray(cutting, float).reshape(-1, 2, 2)
     draws = max(len(tips), len(cutting))
     cutting = np.broadcast_to(cutting, (draws, 2, 2))
-    alone = _single_modes(tips) if remainder is None and band is None else None
+    alone = single_modes(tips) if remainder is None and band is None else None
     if alone is not None:
         natural, damping, stiffness, direction = alone
         along = np.einsum(
@@ -264,7 +264,7 @@ def limits_of_draws(
     return depth
 
 
-def _single_modes(tips: Sequence[TipModes]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
+def single_modes(tips: Sequence[TipModes]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
     """Natural frequency Hz, damping ratio, stiffness N/m, unit direction (tip, 2), if each tip is one real mode; else None."""
     found = []
     for tip in tips:
