@@ -19,6 +19,7 @@ from smoother import smoother
 from stability import stability
 from start import start
 from text_reader import text_reader
+from time_domain import time_domain
 from trends import trends
 
 SECTIONS = {
@@ -27,6 +28,7 @@ SECTIONS = {
     "Force and coefficients": force,
     "Impact tests": impact,
     "Stability map": stability,
+    "Time domain": time_domain,
     "Trends": trends,
     "Smoother": smoother,
     "A minute of a cut": followed_cut,
