@@ -190,78 +190,95 @@ def unknowns_of(pieces: Pieces, tip: TipModes, cut: Regeneration, depth: float, 
     """The unknowns of a period.   depth : m, counts with a helix alone   orders : nodes of each piece, integer (piece,)"""
     moves = _only_direction(np.concatenate([tip.output, tip.flexibility.T]))
     pushed = _only_direction(np.concatenate([tip.given, tip.flexibility]))
-    straight = cut.wind * depth == 0.0
-    single = straight and all(len(those) == 1 for those in pieces.teeth)
+    alone = moves is not None and pushed is not None
+    rows = np.array([moves]) if alone else np.eye(2)  # of the motion
+    columns = np.array([pushed]) if alone else np.eye(2)  # of the force
+    single = cut.wind * depth == 0.0 and all(len(those) == 1 for those in pieces.teeth)
     # where the delayed motion lies between nodes, force and motion each need a frame of their own
     apart = not (cut.equal_pitch or single)
     friction = cut.indentation / cut.radius if cut.indentation else 0.0
     laws = ((cut.ktc, cut.krc, False), (cut.indentation_friction * friction, friction, True))[: 2 if friction else 1]
-    alone = moves is not None and pushed is not None
-    rows = np.array([moves]) if alone else np.eye(2)  # of the motion
-    columns = np.array([pushed]) if alone else np.eye(2)  # of the force
-    parts: list[tuple[int, int, np.ndarray, np.ndarray, bool]] = []  # piece, node, row, column, rubs
-    blocks: list[tuple[int, np.ndarray]] = []  # first unknown of a node, its part of S0
-    waves: list[tuple[int, float, int, np.ndarray]] = []  # first unknown of a node, rad, tooth, force of its wave
+    row, column, rubs, piece, place = [], [], [], [], []
+    forces = []  # of each piece and law: by tooth, node and frame, (tooth, n, d, d)
     for p, teeth in enumerate(pieces.teeth):
-        at = pieces.start[p] + pieces.length[p] * gauss_table(int(orders[p]))[0]
-        for ktc, krc, rubs in laws:
-            each = [force_matrix(_tooth_angle(cut, k, at), cut, depth, ktc, krc) for k in teeth]
-            for i in range(orders[p]):
-                if apart:
-                    seen = [columns @ matrix[i] @ rows.T for matrix in each]
-                    blocks.append((len(parts), sum(seen)))
-                    if not rubs:
-                        waves += [(len(parts), at[i], k, part) for k, part in zip(teeth, seen, strict=True)]
-                    parts += [(p, i, row, column, rubs) for row, column in zip(rows, columns, strict=True)]
-                    continue
-                matrix = sum(part[i] for part in each)
-                if alone:
-                    parts.append((p, i, rows[0], columns[0] * (columns[0] @ matrix @ rows[0]), rubs))
-                elif single:
-                    angle = _tooth_angle(cut, teeth[0], at[i : i + 1])[0]
-                    chip = np.array([np.sin(angle), np.cos(angle)])
-                    parts.append((p, i, chip, matrix @ chip, rubs))
-                else:
-                    parts += [(p, i, np.eye(2)[k], matrix[:, k], rubs) for k in range(2)]
-    piece, place, row, column, rubbing = (np.array(part) for part in zip(*parts, strict=True))
-    now, before = np.eye(len(parts)), np.zeros((len(parts), len(parts)))
+        n = int(orders[p])
+        at = pieces.start[p] + pieces.length[p] * gauss_table(n)[0]
+        angles = [_tooth_angle(cut, k, at) for k in teeth]
+        for ktc, krc, rubbing in laws:
+            each = np.array([force_matrix(angle, cut, depth, ktc, krc) for angle in angles])
+            framed = np.einsum("ai,tnij,bj->tnab", columns, each, rows)
+            if single and not alone:
+                chip = np.stack([np.sin(angles[0]), np.cos(angles[0])], axis=1)
+                row.append(chip)
+                column.append(np.einsum("nij,nj->ni", each[0], chip))
+            else:
+                row.append(np.tile(rows, (n, 1)))
+                force = np.broadcast_to(np.eye(len(rows)), (n, len(rows), len(rows))) if apart else framed.sum(axis=0)
+                column.append(np.einsum("nab,ai->nbi", force, columns).reshape(-1, 2))
+            count = len(row[-1])
+            rubs.append(np.full(count, rubbing))
+            piece.append(np.full(count, p))
+            place.append(np.repeat(np.arange(n), count // n))
+            forces.append((at, rubbing, framed))
+    where = _Where(*(np.concatenate(part) for part in (piece, place, rubs)))
     if apart:
-        now, before = _waves_between_nodes(pieces, cut, orders, blocks, waves, (piece, rubbing))
-    elif cut.equal_pitch:
-        before[~rubbing, ~rubbing] = 1.0
-    else:  # the nodes of every tooth stand at the same angles: its wave is that of the piece before
-        places = [np.flatnonzero((piece == p) & ~rubbing) for p in range(len(pieces.start))]
-        for mine, last in zip(places[1:], places[:-1], strict=True):
-            now[mine, last] = -1.0
-        before[places[0], places[-1]] = 1.0
+        now, before = _waves_between_nodes(pieces, cut, orders, where, forces)
+    else:
+        now, before = _waves_on_nodes(pieces, cut, where)
     memory = np.flatnonzero(before.any(axis=0))
-    return Unknowns(piece, place, row, column, rubbing, now, before[:, memory], memory, cut.equal_pitch)
+    matched = (np.concatenate(row), np.concatenate(column))
+    return Unknowns(where.piece, where.place, *matched, where.rubs, now, before[:, memory], memory, cut.equal_pitch)
+
+
+class _Where(NamedTuple):
+    """Of each unknown, (unknown,)."""
+
+    piece: np.ndarray
+    place: np.ndarray
+    rubs: np.ndarray
+
+
+def _waves_on_nodes(pieces: Pieces, cut: Regeneration, where: _Where) -> tuple[np.ndarray, np.ndarray]:
+    """S0 and S1 where a node stands at the same angle for every tooth: its wave is that of the same node one tooth before."""
+    count = len(where.piece)
+    now, before = np.eye(count), np.zeros((count, count))
+    places = [np.flatnonzero((where.piece == p) & ~where.rubs) for p in range(len(pieces.start))]
+    if cut.equal_pitch:
+        waves = np.concatenate(places)
+        before[waves, waves] = 1.0
+        return now, before
+    for mine, last in zip(places[1:], places[:-1], strict=True):
+        now[mine, last] = -1.0
+    before[places[0], places[-1]] = 1.0
+    return now, before
 
 
 def _waves_between_nodes(
     pieces: Pieces,
     cut: Regeneration,
     orders: np.ndarray,
-    blocks: list[tuple[int, np.ndarray]],
-    waves: list[tuple[int, float, int, np.ndarray]],
-    where: tuple[np.ndarray, np.ndarray],
+    where: _Where,
+    forces: list[tuple[np.ndarray, bool, np.ndarray]],
 ) -> tuple[np.ndarray, np.ndarray]:
     """S0 and S1 where every tooth has its own delay: the wave is read from the polynomial of the piece that made it."""
-    piece, rubbing = where
-    size = len(blocks[0][1])
-    now, before = np.zeros((len(piece), len(piece))), np.zeros((len(piece), len(piece)))
-    for first, block in blocks:
-        now[first : first + size, first : first + size] = block
-    delays = delays_of(cut)
-    first_of = [np.flatnonzero((piece == p) & ~rubbing)[::size] for p in range(len(pieces.start))]
-    ends = pieces.start + pieces.length
-    for first, at, tooth, force in waves:
-        past = at - delays[tooth]
-        target, past = (now, past) if past >= 0 else (before, past + pieces.period)
-        p = int(np.clip(np.searchsorted(ends, past), 0, len(ends) - 1))
-        inside = np.array([(past - pieces.start[p]) / pieces.length[p]])
-        share = lagrange(gauss_table(int(orders[p]))[0], inside)[0]
-        for value, node in zip(share, first_of[p], strict=True):
-            change = -value if target is now else value
-            target[first : first + size, node : node + size] += change * force
+    count = len(where.piece)
+    now, before = np.zeros((count, count)), np.zeros((count, count))
+    delays, ends = delays_of(cut), pieces.start + pieces.length
+    size = forces[0][2].shape[-1]
+    of_piece = [np.flatnonzero((where.piece == p) & ~where.rubs).reshape(-1, size) for p in range(len(ends))]
+    first = 0
+    for (at, rubs, framed), p in zip(forces, np.repeat(np.arange(len(ends)), len(forces) // len(ends)), strict=True):
+        mine = first + np.arange(len(at) * size).reshape(-1, size)  # unknowns of the nodes, (n, d)
+        first += mine.size
+        now[mine[:, :, np.newaxis], mine[:, np.newaxis, :]] = framed.sum(axis=0)
+        for tooth, force in zip(pieces.teeth[p], framed, strict=True) if not rubs else ():
+            past = at - delays[tooth]
+            sources = np.clip(np.searchsorted(ends, np.mod(past, pieces.period)), 0, len(ends) - 1)
+            for source in np.unique(sources):  # a piece of the wave may end within this one, smoothly
+                those = sources == source
+                target, sign = (now, -1.0) if past[those][0] >= 0 else (before, 1.0)
+                inside = (np.mod(past[those], pieces.period) - pieces.start[source]) / pieces.length[source]
+                share = lagrange(gauss_table(int(orders[source]))[0], inside)
+                wave = sign * share[:, np.newaxis, :, np.newaxis] * force[those][:, :, np.newaxis, :]  # (n, d, node, d)
+                target[mine[those][:, :, np.newaxis, np.newaxis], of_piece[source][np.newaxis, np.newaxis]] += wave
     return now, before

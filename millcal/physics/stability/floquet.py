@@ -46,7 +46,7 @@ from millcal.physics.stability.regeneration import (
 )
 
 TOLERANCE = 1e-4  # of |mu|
-HIGHEST_ORDER = 160
+HIGHEST_ORDER = 200
 
 
 def order_of(
@@ -67,10 +67,11 @@ def order_of(
     decades = -math.log10(tolerance)
     order = np.ceil(waves / 2 + decades / 2 + (0.3 + 0.27 * decades) * np.cbrt(waves)).astype(int)
     if np.any(order > HIGHEST_ORDER):
-        slowest = float(speed.flat[int(np.argmax(order))]) * 60 / (2 * math.pi)
+        at = int(np.argmax(order))
+        rpm, mm = float(speed.flat[at]) * 60 / (2 * math.pi), float(depth.flat[at]) * 1e3
         raise IllPosedError(
-            f"stability.rpm: at {slowest:.0f} rpm a tooth cuts through {waves.max() / 6.3:.0f} waves of the highest mode, "
-            "too many for floquet; begin the map at a higher speed, or use zoa, which is good where so many lobes crowd"
+            f"stability.rpm: at {rpm:.0f} rpm and {mm:.3g} mm a tooth cuts through {waves.max() / 6.3:.0f} waves, too many for "
+            "floquet; begin the map at a higher speed, look less deep, or use zoa, which is good where so many lobes crowd"
         )
     return np.maximum(order, 3)
 
