@@ -27,6 +27,7 @@ COMMANDS = {
     "forces": "Cutting forces and coefficients from accelerations in a cut and an FRF, without a dynamometer.",
     "identify": "Cutting coefficients from dynamometer cuts, or from accelerations, with intervals and a verdict.",
     "stability": "Limit depth against spindle speed from coefficients and an FRF or modes.",
+    "judge": "Was that chatter: a recorded cut judged stable, period-n or chatter, with its frequency.",
     "simulate": "Write synthetic recordings with known truth from a recipe.",
     "study": "A published experiment again, beside its own numbers.",
     "report": "Make a result folder's report again, without computing.",

@@ -11,6 +11,7 @@ from millcal.data import (
     CutForce,
     ForceHarmonics,
     Frf,
+    Judgement,
     Modes,
     Record,
     Recording,
@@ -18,6 +19,7 @@ from millcal.data import (
     StabilityMap,
 )
 from millcal.io.force_readable import advice_text, forces_brief, forces_text
+from millcal.io.judge_summary import judgement_text
 from millcal.io.stability_readable import stability_brief, stability_text
 from millcal.io.summaries import summarise
 from millcal.io.text_table import cell as _cell
@@ -242,6 +244,7 @@ _TEXTS: dict[type, Callable[[Any], str]] = {
     CoefficientHistory: _history_text,
     ForceHarmonics: forces_text,
     SpeedAdvice: advice_text,
+    Judgement: judgement_text,
     StabilityMap: stability_text,
 }
 

@@ -132,6 +132,7 @@ _MAKERS = {
     "CutForce": "make them with 'millcal fit'",
     "CutVibration": "make them with 'millcal fit'",
     "ForceHarmonics": "make them with 'millcal forces'",
+    "Judgement": "make one with 'millcal judge'",
     "SpeedAdvice": "make one with 'millcal forces --advise'",
     "Modes": "make them with 'millcal modes'",
 }

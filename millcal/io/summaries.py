@@ -18,6 +18,7 @@ from millcal.data import (
     CutVibration,
     ForceHarmonics,
     Frf,
+    Judgement,
     Modes,
     Notice,
     Record,
@@ -27,6 +28,7 @@ from millcal.data import (
 )
 from millcal.io.force_summary import summarise_advice, summarise_forces, summarise_vibration
 from millcal.io.history_summary import summarise_history
+from millcal.io.judge_summary import summarise_judgement
 from millcal.io.keys import keys_of
 from millcal.io.modal_summary import summarise_modes
 from millcal.io.parameter_summary import known, offset_of_the_cutter, posterior_summary, shop, shop_value
@@ -231,5 +233,6 @@ _SUMMARIES: dict[type, Callable[[Any], dict[str, Any]]] = {
     CoefficientHistory: summarise_history,
     ForceHarmonics: summarise_forces,
     SpeedAdvice: summarise_advice,
+    Judgement: summarise_judgement,
     StabilityMap: summarise_stability,
 }

@@ -1,0 +1,179 @@
+"""Was that chatter: `millcal judge`."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from millcal.cli.cut_input import for_each
+from millcal.cli.speak import Json, NoSeed, Quiet, check_files, pairs, progress_bar, reply
+
+FIGURES = (".png", ".svg", ".pdf")
+
+
+def judge(
+    recordings: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="REC...", help="Recordings of cuts: displacement, acceleration, velocity, sound or force."
+        ),
+    ],
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Result file, HDF5.")] = None,
+    setup: Annotated[
+        Path | None, typer.Option("--setup", help="SETUP.toml with [cutter], [conditions], [map], [units].")
+    ] = None,
+    channel: Annotated[
+        str | None, typer.Option("--channel", help="Channel to judge by; default: the one that shows most.")
+    ] = None,
+    teeth: Annotated[int | None, typer.Option("--teeth", min=1, help="Default: the cutter's.")] = None,
+    rpm: Annotated[
+        list[float] | None,
+        typer.Option("--rpm", help="Spindle speed, to 3 percent: one, or one for each; default: the recording's."),
+    ] = None,
+    axial_depth_mm: Annotated[
+        list[float] | None, typer.Option("--axial-depth-mm", help="For the log: one, or one for each recording.")
+    ] = None,
+    steady: Annotated[
+        tuple[float, float] | None,
+        typer.Option("--steady", metavar="FROM TO", help="The cut, s after the first sample; default: found."),
+    ] = None,
+    modes: Annotated[
+        Path | None,
+        typer.Option("--modes", help="Modes of the tool, a result file: says what the sample rate cannot show."),
+    ] = None,
+    log: Annotated[
+        Path | None, typer.Option("--log", help="Cuts log to write, CSV, as `millcal stability --tests` reads it.")
+    ] = None,
+    figure: Annotated[
+        Path | None, typer.Option("--figure", help="Figure of one cut to write, .png, .svg or .pdf.")
+    ] = None,
+    maps: Annotated[
+        list[str] | None, typer.Option("--map", metavar="mic=+Audio", help="Channel = signed column.")
+    ] = None,
+    units: Annotated[list[str] | None, typer.Option("--unit", metavar="Audio=Pa", help="Unit of a column.")] = None,
+    rate_hz: Annotated[
+        float | None, typer.Option("--rate-hz", help="Sampling rate, where the file does not say it.")
+    ] = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    seed: NoSeed = 0,
+) -> None:
+    """Judge recorded cuts: stable, a motion that repeats after some teeth, chatter with its frequency, or not known and why.
+
+    Example: millcal judge cut.h5 --figure cut.png
+
+    Example: millcal judge sound.csv --teeth 4 --rpm 6000 --unit Audio=Pa
+
+    Example: millcal judge cut-*.h5 --log cuts.csv
+    """
+    number = len(recordings)
+    speeds, depths = for_each(rpm, number, "--rpm"), for_each(axial_depth_mm, number, "--axial-depth-mm")
+    for option, values in (("--rpm", rpm), ("--axial-depth-mm", axial_depth_mm)):
+        if values and min(values) <= 0:
+            raise typer.BadParameter("is above zero", param_hint=option)
+    if steady is not None and not 0 <= steady[0] < steady[1]:
+        raise typer.BadParameter(f"{steady[0]:g} to {steady[1]:g} is no stretch", param_hint="--steady")
+    if figure is not None and figure.suffix.lower() not in FIGURES:
+        raise typer.BadParameter(
+            f"{figure} does not say its format; end it with {', '.join(FIGURES)}", param_hint="--figure"
+        )
+    if figure is not None and number > 1:
+        raise typer.BadParameter("is of one cut; name one recording", param_hint="--figure")
+    check_files([*recordings, setup, modes], [output, log, figure])
+
+    from millcal.io.judge_summary import cuts_log, judgement_text, judgements_text
+    from millcal.io.provenance import provenance
+    from millcal.io.results import replaced_atomically, write_result, write_results, write_text_atomically
+    from millcal.io.summaries import summarise
+    from millcal.stages.judge import judge_cut
+    from millcal.units import from_shop
+
+    stated = {"map": pairs(maps, "--map"), "units": pairs(units, "--unit"), "rate_hz": rate_hz}
+    found, notices = [], []
+    with progress_bar(quiet) as progress:
+        known = _modes(modes, setup)
+        for i, path in enumerate(recordings):
+            progress(i / number, path.name)
+            recording = _recording(path, setup, speeds[i], depths[i], **stated)
+            notices += recording.notices
+            speed = None if speeds[i] is None else from_shop(speeds[i], "x_rpm")
+            found.append(
+                judge_cut(recording, channel=channel, teeth=teeth, spindle_speed=speed, steady=steady, modes=known)
+            )
+            notices += found[-1].notices
+    if log is not None:
+        _check_log(found)
+
+    origin = provenance([path for path in (*recordings, setup, modes) if path is not None], seed=seed)
+    written: dict[str, str] = {}
+    if output is not None:
+        if number == 1:
+            write_result(output, found[0], provenance=origin)
+        else:
+            write_results(output, found, provenance=origin)
+    if log is not None:
+        write_text_atomically(log, cuts_log(found))
+        written["log"] = str(log)
+    if figure is not None:
+        from millcal.report.paper.judge import judgement_file
+
+        content = judgement_file(found[0], figure.suffix[1:].lower())
+        with replaced_atomically(figure) as temporary:
+            temporary.write_bytes(content)
+        written["figure"] = str(figure)
+    told = summarise(found[0]) if number == 1 else {"cuts": [summarise(cut) for cut in found]}
+    text = judgement_text(found[0]) if number == 1 else judgements_text(found)
+    reply(
+        "judge",
+        "\n".join([text, *(f"{what}: {path}" for what, path in written.items())]),
+        {**told, "output": None if output is None else str(output), **written},
+        inputs=origin["inputs"],
+        notices=notices,
+        as_json=as_json,
+        quiet=quiet,
+    )
+
+
+def _recording(path: Path, setup: Path | None, rpm: float | None, depth: float | None, **how: Any) -> Any:
+    """A cut from its file, with what setup and command line say of its conditions."""
+    from dataclasses import replace
+
+    from millcal.errors import RecordingError
+    from millcal.io.recipes import Setup, read_setup
+    from millcal.io.recordings import read_recording
+    from millcal.units import from_shop
+
+    stated = read_setup(setup, spindle_speed_rpm=rpm) if setup else Setup()
+    recording = read_recording(path, setup=stated, **how)
+    if recording.kind == "impact":
+        raise RecordingError(f"{path}: is an impact test and no cut; give recordings of cuts")
+    conditions = recording.conditions
+    if conditions is not None and rpm is not None:
+        conditions = replace(conditions, spindle_speed=from_shop(rpm, "x_rpm"))
+    if conditions is not None and depth is not None:
+        conditions = replace(conditions, axial_depth=from_shop(depth, "x_mm"))
+    return replace(recording, conditions=conditions)
+
+
+def _modes(modes: Path | None, setup: Path | None) -> tuple[float, ...]:
+    """Natural frequencies of the tool in Hz, where a file says them."""
+    from millcal.data import Modes
+    from millcal.io.recipes import read_setup
+    from millcal.io.results import read_result
+
+    found = read_result(modes, Modes) if modes is not None else None
+    if found is None and setup is not None:
+        found = read_setup(setup).modes
+    return () if found is None else tuple(float(f) for f in found.natural_frequency)
+
+
+def _check_log(found: list[Any]) -> None:
+    """A log needs the depth of every cut."""
+    from millcal.errors import RecipeError
+
+    for cut in found:
+        if cut.conditions is None or not cut.conditions.axial_depth > 0:
+            raise RecipeError(
+                f"{cut.name}: no axial depth is known, which a cuts log needs; give --setup SETUP.toml with [cutter] and "
+                "[conditions]"
+            )

@@ -1,0 +1,126 @@
+"""What a judged cut says: the JSON of it, the line of the cuts log, and the words for a reader."""
+
+import csv
+from collections.abc import Sequence
+from io import StringIO
+from typing import Any
+
+from millcal.data import Judgement
+from millcal.io.keys import keys_of
+from millcal.io.parameter_summary import known, shop
+from millcal.io.text_table import cell, table
+from millcal.units import to_shop
+
+LOG = ("rpm", "axial_depth_mm", "radial_depth_mm", "feed_per_tooth_mm", "direction", "stable", "M_um", "chatter_hz")
+STABLE = {"stable": "1", "period-n": "0", "chatter": "0", "not known": ""}
+PEAKS_SHOWN = 6
+SPEEDS_SHOWN = 6
+
+
+def summarise_judgement(found: Judgement) -> dict[str, Any]:
+    """The JSON `result`: the contract's verdict, M_um, period, chatter_hz, and what they rest on."""
+    metric = known(found.metric)
+    return {
+        "name": found.name,
+        "verdict": found.verdict,
+        "why": found.why,
+        "period": found.period,
+        "M_um": shop(found.metric, "M_um") if found.quantity == "displacement" else None,
+        "chatter_hz": known(found.chatter_frequency),
+        "chatter_sd_hz": known(found.chatter_frequency_sd),
+        "chatter_share": known(found.chatter_share),
+        "channel": found.channel,
+        "quantity": found.quantity,
+        "metric": {"value": metric, "unit": found.unit, "relative": known(found.metric_relative)},
+        "teeth": found.teeth,
+        "spindle_speed_rpm": known(60 * found.spindle_frequency),
+        "spindle_speed_sd_rpm": known(60 * found.spindle_frequency_sd),
+        "tooth_passing_hz": known(found.teeth * found.spindle_frequency),
+        "sample_rate_hz": found.sample_rate,
+        "steady_s": list(found.steady),
+        "revolutions": found.revolutions,
+        "stable_rpm": [shop(speed, "x_rpm") for speed in found.stable_speeds],
+        "peaks": [
+            {
+                "frequency_hz": known(peak.frequency),
+                "amplitude": {"value": known(peak.amplitude), "unit": found.unit},
+                "share": known(peak.share),
+                "alias_of_hz": known(peak.alias_of),
+            }
+            for peak in found.peaks
+        ],
+        "conditions": keys_of(None, found.conditions),
+    }
+
+
+def cuts_log(found: Sequence[Judgement]) -> str:
+    """The cuts as a log that `millcal stability --tests` and `millcal update --cuts` read; not known is blank."""
+    text = StringIO()
+    rows = csv.writer(text)
+    rows.writerow([*LOG, "recording"])
+    for cut in found:
+        told = summarise_judgement(cut)
+        keys = told["conditions"]
+        values = {
+            "rpm": told["spindle_speed_rpm"],
+            **{key: keys.get(key) for key in LOG[1:5]},
+            "stable": STABLE[cut.verdict],
+            "M_um": told["M_um"],
+            "chatter_hz": told["chatter_hz"],
+        }
+        rows.writerow([*(_cell(values[key]) for key in LOG), cut.name])
+    return text.getvalue()
+
+
+def _cell(value: Any) -> str:
+    return "" if value is None else f"{value:.7g}" if isinstance(value, float) else str(value)
+
+
+def judgement_text(found: Judgement) -> str:
+    """The verdict with its reason, and the numbers behind it."""
+    s = summarise_judgement(found)
+    lines = [f"{found.verdict}: {found.why}", ""]
+    speed = f"{s['spindle_speed_rpm']:.6g} rpm"
+    if s["spindle_speed_sd_rpm"] is not None:
+        speed += f" +- {s['spindle_speed_sd_rpm']:.2g}"
+    lines.append(
+        f"{found.channel} ({found.quantity}), {found.revolutions} revolutions from {found.steady[0]:.4g} to "
+        f"{found.steady[1]:.4g} s at {speed}, tooth passing {s['tooth_passing_hz']:.5g} Hz"
+    )
+    if found.chatter_frequency is not None:
+        spread = "" if s["chatter_sd_hz"] is None else f" +- {s['chatter_sd_hz']:.2g}"
+        lines.append(
+            f"chatter frequency {found.chatter_frequency:.5g}{spread} Hz, {found.chatter_share:.0%} of the power"
+        )
+    if s["stable_rpm"]:
+        speeds = ", ".join(f"{rpm:.0f}" for rpm in s["stable_rpm"][:SPEEDS_SHOWN])
+        lines.append(f"speeds it points to: {speeds} rpm")
+    metric = s["M_um"] if s["M_um"] is not None else s["metric"]["value"]
+    unit = "um" if s["M_um"] is not None else found.unit
+    lines.append(
+        f"M {cell(metric)} {unit} from tooth to tooth, {s['metric']['relative']:.2f} of the rms"
+        if metric is not None and s["metric"]["relative"] is not None
+        else "M is not known"
+    )
+    if found.peaks:
+        rows = [
+            (peak["frequency_hz"], peak["amplitude"]["value"], f"{peak['share']:.2%}")
+            for peak in s["peaks"][:PEAKS_SHOWN]
+        ]
+        lines += ["", "lines that do not follow the spindle:"]
+        lines.append(table(("Hz", f"amplitude {found.unit}", "of the power"), rows))
+    return "\n".join(lines)
+
+
+def judgements_text(found: Sequence[Judgement]) -> str:
+    """Several cuts, a line each."""
+    rows = []
+    for cut in found:
+        s = summarise_judgement(cut)
+        depth = None if cut.conditions is None else to_shop(cut.conditions.axial_depth, "_mm")
+        rows.append(
+            (cut.name, f"{s['spindle_speed_rpm']:.0f}", depth, cut.verdict, cut.period, s["M_um"], s["chatter_hz"])
+        )
+    header = ("recording", "rpm", "depth mm", "verdict", "period", "M um", "chatter Hz")
+    unknown = [f"{cut.name}: {cut.why}" for cut in found if cut.verdict == "not known"]
+    return "\n".join([table(header, rows), *(["", "not known:", *unknown] if unknown else [])])
