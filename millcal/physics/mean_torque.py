@@ -11,7 +11,14 @@ whatever helix and pitch: every chip is cut once in a revolution.
 import numpy as np
 
 from millcal.physics.cutter import Cutter, CuttingConditions
-from millcal.physics.cutting_force import Kienzle, LinearEdge, force_basis, kienzle_functions, linear_edge_functions
+from millcal.physics.cutting_force import (
+    ChipFunctions,
+    Kienzle,
+    LinearEdge,
+    force_basis,
+    kienzle_functions,
+    linear_edge_functions,
+)
 
 
 def mean_torque(law: LinearEdge | Kienzle, cutter: Cutter, conditions: CuttingConditions) -> float:
@@ -21,6 +28,7 @@ def mean_torque(law: LinearEdge | Kienzle, cutter: Cutter, conditions: CuttingCo
     ----------
     Altintas, Manufacturing Automation, 2nd ed., eqs. 2.8 and 2.28: T = D/2 sum F_t.
     """
+    functions: ChipFunctions
     if isinstance(law, LinearEdge):
         functions, weight = linear_edge_functions, np.array([law.edge[0], law.cutting[0]])
     else:

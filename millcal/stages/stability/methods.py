@@ -14,7 +14,7 @@ import numpy as np
 from millcal.data import Frf, Modes, Notice
 from millcal.errors import IllPosedError
 from millcal.physics.stability import zero_order
-from millcal.physics.stability.regeneration import HOPF, Crossings, Regeneration, TipModes
+from millcal.physics.stability.regeneration import HOPF, Crossings, Regeneration
 from millcal.physics.stability.stable_depths import edge_table, edges_of
 from millcal.stages.stability.lines import tip_of_lines
 from millcal.stages.stability.method import Asked, Method, Progress, Sampling, Solution
@@ -28,6 +28,7 @@ FLOQUET_RATIOS = 13
 FRF_RATIOS = 5
 STRUCTURES = 1000  # draws of fitted modes, at most: of zoa
 FLOQUET_STRUCTURES = 200
+SKETCH = {"depths": 8, "tolerance": 1e-3, "depth_tolerance": 1e-6}  # of `boundary`, for draws that spread much wider
 BAND_SPEEDS = 120  # speeds of the band of the slower methods
 LOOKED = 200  # speeds at which zoa is asked how deep to look
 DEEPER = 1.25  # times the deepest pockets of zoa
@@ -88,8 +89,8 @@ def floquet(dynamics: Frf | Modes, asked: Asked) -> Method:
     poles = poles_of_modes(modes)
     deepest, notices = _look_to(first, asked)
 
-    def solution(tip: TipModes, speeds: np.ndarray, cut: Regeneration, progress: Progress) -> Solution:
-        found = physics.boundary(speeds, tip, cut, deepest=deepest, progress=progress)
+    def solve(speeds: np.ndarray, cut: Regeneration, progress: Progress) -> Solution:
+        found = physics.boundary(speeds, poles.tip, cut, deepest=deepest, progress=progress)
         return Solution(found, edges_of(found, complete=True))
 
     def draw(sampling: Sampling) -> np.ndarray:
@@ -99,8 +100,8 @@ def floquet(dynamics: Frf | Modes, asked: Asked) -> Method:
         cuts = _cuts(asked.cut, sampling.draws, many)
         for i, (tip, cut) in enumerate(zip(poles.draws(sampling.rng, many), cuts, strict=True)):
             sampling.progress(i / many)
-            found = solution(tip, sampling.speeds, cut, lambda share: None)
-            tables.append(edge_table(found.edges, len(sampling.speeds)))
+            found = physics.boundary(sampling.speeds, tip, cut, deepest=deepest, **SKETCH)
+            tables.append(edge_table(edges_of(found, complete=True), len(sampling.speeds)))
         return joined(tables)
 
     def check(speeds: np.ndarray, cut: Regeneration) -> Crossings:
@@ -108,7 +109,7 @@ def floquet(dynamics: Frf | Modes, asked: Asked) -> Method:
 
     return Method(
         name="floquet",
-        solve=lambda speeds, cut, progress: solution(poles.tip, speeds, cut, progress),
+        solve=solve,
         deepest=deepest,
         refine=(2, 9),
         ratios=0 if asked.cut.wind or asked.cut.indentation else FLOQUET_RATIOS,
