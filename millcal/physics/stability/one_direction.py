@@ -27,7 +27,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from millcal.physics.stability.regeneration import Regeneration, TipModes, h0
+from millcal.physics.stability.regeneration import FLIP, HOPF, Crossings, Regeneration, TipModes, chatter_frequency, h0
 from millcal.physics.stability.zero_order import single_modes
 
 NODES = 16  # of Gauss in a stretch,
@@ -35,6 +35,7 @@ TURN = 4.0  # and the free phase of a stretch, rad: the oscillation is resolved 
 STEP = 0.02  # of sigma: six-point interpolation errs by 1e-7 where 1 + xi q = 1.5
 NEGLIGIBLE = 1e-11
 MOST_TERMS = 512
+MOST_EDGES = 8  # told at one speed
 MOST_NODES = 40
 
 
@@ -42,10 +43,19 @@ class TraceTable(NamedTuple):
     """t as a power series in xi, on nodes of sigma and of K_rc / K_tc."""
 
     lowest: float  # the first sigma
-    step: float
+    step: float  # to the next; 0: the sigmas are those that are asked, one after the other
     reach: float  # X: the coefficients are those of (xi / X)^n
     ratio: np.ndarray  # K_rc / K_tc at Chebyshev's nodes, (ratio,)
     series: np.ndarray  # (ratio, sigma, term)
+
+
+class _Draws(NamedTuple):
+    """What the characteristic equation knows of each structure and force."""
+
+    turns: np.ndarray  # sigma times the spindle speed, (draw,) rad/s
+    damping: np.ndarray  # zeta w tau over sigma, (draw,)
+    scale: np.ndarray  # xi / (1 - z) per depth, (draw,) 1/m
+    ratio: np.ndarray  # K_rc / K_tc, (draw,)
 
 
 def stable_edges(
@@ -71,6 +81,53 @@ def stable_edges(
     from millcal.physics.stability.one_direction_kernel import edges_of_draw
 
     speeds = np.asarray(spindle_speed, float)
+    draws, table = _tabulated(speeds, tips, cut, force, deepest)
+    weights = _barycentric(table.ratio, draws.ratio)  # (draw, ratio)
+    edges = np.full((len(draws.ratio), len(speeds), MOST_EDGES), np.inf)
+    flips = np.empty(edges.shape[1:], bool)
+    for i, weight in enumerate(weights):
+        series = np.tensordot(weight, table.series, 1)  # (sigma, term)
+        sigma = draws.turns[i] / speeds
+        place = (sigma - table.lowest) / table.step if table.step else np.arange(len(speeds)) + 0.0
+        edges_of_draw(
+            series, place, table.step > 0, np.exp(-draws.damping[i] * sigma), 2 * draws.scale[i] / table.reach,
+            deepest, depths, edges[i], flips,
+        )  # fmt: skip
+        if progress is not None and i % 16 == 0:
+            progress(i / len(weights))
+    used = max(1, int(np.isfinite(edges).any(axis=(0, 1)).sum()))
+    return edges[:, :, :used]
+
+
+def boundary(
+    spindle_speed: np.ndarray, tip: TipModes, cut: Regeneration, *, deepest: float, depths: int = 64
+) -> Crossings:
+    """The crossings that bound the stable set of one structure, with the forces of the cut.
+
+    Flips are roots of T(2 beta) = -(1 + D), the others of the characteristic equation on the unit circle, by Newton.
+
+    spindle_speed : (speed,) rad/s   tip : one real mode   deepest : m   depths : of the scan, as in `stable_edges`
+    """
+    from millcal.physics.stability.one_direction_kernel import edges_of_draw, polish
+
+    speeds = np.asarray(spindle_speed, float)
+    draws, table = _tabulated(speeds, [tip], cut, np.array([[cut.ktc, cut.krc]]), deepest)
+    series, scale = table.series[0], 2 * draws.scale[0] / table.reach
+    decay = np.exp(-draws.damping[0] * draws.turns[0] / speeds)
+    edges, flips = np.full((len(speeds), MOST_EDGES), np.inf), np.zeros((len(speeds), MOST_EDGES), bool)
+    edges_of_draw(series, np.arange(len(speeds)) + 0.0, False, decay, scale, deepest, depths, edges, flips)
+    speed, place = np.nonzero(np.isfinite(edges))
+    depth, flip = edges[speed, place], flips[speed, place]
+    angle = np.empty(len(depth))
+    polish(series, speed, scale, decay, flip, depth, angle)
+    frequency = chatter_frequency(np.exp(1j * angle), 2 * np.pi / (cut.teeth * speeds[speed]), tip)
+    return Crossings(speed, depth, np.where(flip, FLIP, HOPF), frequency, place % 2 == 0)
+
+
+def _tabulated(
+    speeds: np.ndarray, tips: Sequence[TipModes], cut: Regeneration, force: np.ndarray, deepest: float
+) -> tuple[_Draws, TraceTable]:
+    """The draws in the numbers of the equation, and the table that spans them."""
     force = np.asarray(force, float).reshape(-1, 2)
     found, direction = single_modes(tips), common_direction(tips)
     if found is None or direction is None:
@@ -79,32 +136,22 @@ def stable_edges(
         raise ValueError("unequal pitch, helix and process damping are beyond one function of two numbers")
     if not np.all(force[:, 0] > 0):
         raise ValueError("K_tc must be above zero in every draw")
-    columns = np.broadcast_arrays(*found[:3], force[:, 0], force[:, 1])
-    natural, damping, stiffness, ktc, krc = (np.ascontiguousarray(column, float) for column in columns)
-    turns = natural * np.sqrt(1 - damping**2) * 2 * np.pi / cut.teeth  # sigma times the spindle speed
-    scale = ktc / (stiffness * (1 - damping**2))  # xi / (1 - z) per depth
-    ratio = krc / ktc
-    table = trace_table(
-        (float(np.min(turns)) / speeds.max(), float(np.max(turns)) / speeds.min()),
-        (float(np.min(ratio)), float(np.max(ratio))),
-        2 * deepest * float(np.max(scale)),
-        cut,
-        direction,
+    natural, damping, stiffness, ktc, krc = np.broadcast_arrays(*found[:3], force[:, 0], force[:, 1])
+    undamped = np.sqrt(1 - damping**2)
+    draws = _Draws(
+        natural * undamped * 2 * np.pi / cut.teeth,
+        2 * np.pi * damping / undamped,
+        ktc / (stiffness * undamped**2),
+        krc / ktc,
     )
-    weights = _barycentric(table.ratio, ratio)  # (draw, ratio)
-    edges = np.full((len(ratio), len(speeds), 8), np.inf)
-    for i in range(len(ratio)):
-        series = np.tensordot(weights[i], table.series, 1)  # (sigma, term)
-        decay = damping[i] / np.sqrt(1 - damping[i] ** 2) * 2 * np.pi  # zeta w tau / sigma
-        place = turns[i] / speeds
-        edges_of_draw(
-            series, (place - table.lowest) / table.step, np.exp(-decay * place), 2 * scale[i] / table.reach,
-            deepest, depths, edges[i],
-        )  # fmt: skip
-        if progress is not None and i % 16 == 0:
-            progress(i / len(ratio))
-    used = max(1, int(np.isfinite(edges).any(axis=(0, 1)).sum()))
-    return edges[:, :, :used]
+    low, high = float(draws.turns.min()) / speeds.max(), float(draws.turns.max()) / speeds.min()
+    lowest, step = low - 2.5 * STEP, STEP
+    sigma = lowest + step * np.arange(int(np.ceil((high - low) / step)) + 6)
+    if np.ptp(draws.turns) == 0:  # one structure: no more is needed than the speeds asked
+        sigma, lowest, step = draws.turns[0] / speeds, 0.0, 0.0
+    reach = 2 * deepest * float(draws.scale.max())
+    at, series = trace_series(sigma, (float(draws.ratio.min()), float(draws.ratio.max())), reach, cut, direction)
+    return draws, TraceTable(lowest, step, reach, at, series)
 
 
 def signed_distance(edges: np.ndarray, depth: np.ndarray) -> np.ndarray:
@@ -125,18 +172,19 @@ def common_direction(tips: Sequence[TipModes]) -> np.ndarray | None:
     return direction[0] if np.abs(direction @ [-direction[0, 1], direction[0, 0]]).max() < 1e-9 else None
 
 
-def trace_table(
-    sigma: tuple[float, float], ratio: tuple[float, float], reach: float, cut: Regeneration, direction: np.ndarray
-) -> TraceTable:
-    """The series of t over ranges of sigma and K_rc / K_tc, for |xi| up to `reach`.   direction : u, (2,)"""
+def trace_series(
+    sigma: np.ndarray, ratio: tuple[float, float], reach: float, cut: Regeneration, direction: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The series of t in (xi / reach)^n, for a range of K_rc / K_tc.
+
+    sigma : (sigma,), in any order   direction : u, (2,)   returns K_rc / K_tc (ratio,), coefficients (ratio, sigma, term)
+    """
     from millcal.physics.stability.one_direction_kernel import add_series
 
     node, weight, inner, inner_weight, lagrange = _GAUSS
-    lowest = sigma[0] - 2.5 * STEP
-    nodes = lowest + STEP * np.arange(int(np.ceil((sigma[1] - sigma[0]) / STEP)) + 6)
-    length, plain, with_ratio = _stretches(cut, direction, float(nodes[-1]))
 
     def series_at(sigma: np.ndarray, ratio: np.ndarray, terms: int) -> np.ndarray:
+        length, plain, with_ratio = _stretches(cut, direction, float(sigma.max()))
         series = np.empty((len(ratio), len(sigma), terms))
         add_series(
             sigma, ratio, reach, length, plain, with_ratio, node, weight, inner, inner_weight, lagrange, series
@@ -144,18 +192,25 @@ def trace_table(
         return series
 
     # At the largest sigma both series are longest.
+    most = sigma.max(keepdims=True)
     terms, count = 32, 1
     while True:
         at = _chebyshev(*ratio, count)
-        series = np.abs(series_at(nodes[-1:], at, terms)[:, 0]).max(axis=0)
-        last = np.flatnonzero(series > NEGLIGIBLE * series.sum())[-1]
+        largest = np.abs(series_at(most, at, terms)[:, 0]).max(axis=0)
+        last = int(np.flatnonzero(largest > NEGLIGIBLE * largest.sum())[-1])
         if last > 0.9 * terms and terms < MOST_TERMS:
             terms *= 2
-            continue
-        if count > 1 or ratio[1] - ratio[0] < 1e-12:
+        elif count > 1 or ratio[1] - ratio[0] < 1e-12:
             break
-        count = min(_nodes_needed(series_at(nodes[-1:], _chebyshev(*ratio, MOST_NODES), terms)[:, 0]), last + 1)
-    return TraceTable(lowest, STEP, reach, at, series_at(nodes, at, int(last) + 1))
+        else:
+            many = series_at(most, _chebyshev(*ratio, MOST_NODES), terms)[:, 0]
+            count = min(_nodes_needed(many), last + 1)
+    # Lower speeds need more stretches, so each octave of sigma has its own.
+    octave = np.ceil(np.log2(most / sigma)).astype(int)
+    series = np.empty((count, len(sigma), last + 1))
+    for part in np.unique(octave):
+        series[:, octave == part] = series_at(sigma[octave == part], at, last + 1)
+    return at, series
 
 
 def _nodes_needed(values: np.ndarray) -> int:

@@ -9,6 +9,8 @@ from numba import njit
 NEGLIGIBLE = 1e-11
 CANCELLED = 1e10  # terms so much larger than their sum leave it 1e-6
 HALVINGS = 16
+CIRCLE = 256  # angles from which Newton's method may start
+NEAR = 1e-3  # share of a depth that halving may have left
 MOST_ORDERS = 100  # of Neumann's series in a stretch
 SIDE = 1e-7  # of a flip's depth: so near to it stability is asked on both sides
 
@@ -97,8 +99,14 @@ def add_series(sigma, ratio, reach, length, plain, with_ratio, node, weight, inn
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc]
-def _interpolated(series, place, scale, coefficient):  # type: ignore[no-untyped-def]
-    """Coefficients at a place between nodes of sigma (six points), each times a power of the scale.   returns terms used"""
+def _interpolated(series, place, between, scale, coefficient):  # type: ignore[no-untyped-def]
+    """Coefficients at a place between nodes of sigma (six points), or at a node, each times a power of the scale."""
+    if not between:
+        power = 1.0
+        for n in range(series.shape[1]):
+            coefficient[n] = series[int(place), n] * power
+            power *= scale
+        return
     first = int(np.floor(place)) - 2
     first = min(max(first, 0), len(series) - 6)
     t = place - first
@@ -223,19 +231,19 @@ def _turn(flip, i):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc]
-def edges_of_draw(series, place, decay, scale, deepest, depths, edges):  # type: ignore[no-untyped-def]
+def edges_of_draw(series, place, between, decay, scale, deepest, depths, edges, flips):  # type: ignore[no-untyped-def]
     """The edges of the set of stable depths at many speeds.
 
-    series : t in (xi / reach)^n on nodes of sigma, (sigma, term)   place : between the nodes, (speed,)
+    series : t in (xi / reach)^n on nodes of sigma, (sigma, term)   place : in the nodes, (speed,), between them or not
     decay : exp(-zeta w tau), (speed,)   scale : 2 xi / (1 - z) per depth over the reach, 1/m   deepest : m
-    edges : (speed, edge), inf, written
+    edges : (speed, edge) m, inf, written   flips : bool (speed, edge), written
     """
     terms, room = series.shape[1], edges.shape[1]
     coefficient, polynomial = np.empty(terms), np.empty(terms + 3)
     stable, flip = np.empty(depths + 1, np.bool_), np.empty(depths + 1)
     at, flag = np.empty(6), np.empty(6, np.bool_)  # the ends of a step, and both sides of the flips within
     for s in range(len(place)):
-        _interpolated(series, place[s], scale * deepest, coefficient)
+        _interpolated(series, place[s], between, scale * deepest, coefficient)
         e, found = decay[s], 0
         stable[0], flip[0] = True, _flip(coefficient, 0.0, e)
         for i in range(1, depths + 1):
@@ -265,5 +273,64 @@ def edges_of_draw(series, place, decay, scale, deepest, depths, edges):  # type:
                     share = 0.5 * (at[j] + at[j + 1])  # both sides of a flip, or the ends of a step
                     if j % 2 == 0:
                         share = _edge(coefficient, at[j], at[j + 1], flag[j], e, polynomial)
-                    edges[s, found] = deepest * share
+                    edges[s, found], flips[s, found] = deepest * share, j % 2 == 1
                     found += 1
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc]
+def polish(series, row, scale, decay, flip, depth, angle):  # type: ignore[no-untyped-def]
+    """Depths and angles of multipliers on the unit circle, z = exp(-j angle), by Newton from depths that are nearly right.
+
+    series : at the speeds, (speed, term)   row : speed of each crossing, (crossing,)   decay : (speed,)
+    flip : bool (crossing,), those are left as they are   depth, angle : (crossing,) m, rad, written
+    """
+    terms, size = series.shape[1], np.empty(CIRCLE + 1)
+    for c in range(len(row)):
+        if flip[c]:
+            angle[c] = np.pi
+            continue
+        coefficient, e = series[row[c]], decay[row[c]]
+        start = depth[c] * scale
+        angle[c] = np.nan
+        for i in range(CIRCLE + 1):
+            value, _, _ = _characteristic(coefficient, start, np.pi * i / CIRCLE, e, terms)
+            size[i] = abs(value)
+        # From the least on, for other multipliers are near the circle too.
+        for _ in range(8):
+            i = int(np.argmin(size))
+            x, theta = start, np.pi * min(max(i, 0.5), CIRCLE - 0.5) / CIRCLE
+            for _ in range(30):
+                value, by_x, by_angle = _characteristic(coefficient, x, theta, e, terms)
+                determinant = by_x.real * by_angle.imag - by_x.imag * by_angle.real
+                dx = -(value.real * by_angle.imag - value.imag * by_angle.real) / determinant
+                turn = -(by_x.real * value.imag - by_x.imag * value.real) / determinant
+                x += dx
+                theta += turn
+                if abs(dx) < 1e-14 * x and abs(turn) < 1e-14:
+                    break
+            if abs(x - start) < NEAR * start and 0 < theta < np.pi:
+                depth[c], angle[c] = x / scale, theta
+                break
+            low = high = i  # the valley that led nowhere
+            while low > 0 and size[low - 1] >= size[low]:
+                low -= 1
+            while high < CIRCLE and size[high + 1] >= size[high]:
+                high += 1
+            size[low : high + 1] = np.inf
+            if not np.isfinite(size.min()):
+                break
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc]
+def _characteristic(coefficient, x, theta, decay, terms):  # type: ignore[no-untyped-def]
+    """1 - z T + z^2 D at a depth, in units of 1 / scale, and a z on the circle.   returns it, its slopes by x and by theta"""
+    z = np.exp(-1j * theta)
+    half = 0.5 * (1 - z)
+    y = x * half
+    total, slope = 0j, 0j
+    for n in range(terms - 1, -1, -1):
+        slope = slope * y + total
+        total = total * y + coefficient[n]
+    value = 1 - z * decay * total + z * z * decay * decay
+    by_z = -decay * total + 2 * z * decay * decay + z * decay * slope * 0.5 * x
+    return value, -z * decay * slope * half, -1j * z * by_z

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from millcal.physics.stability import floquet
-from millcal.physics.stability.one_direction import common_direction, signed_distance, stable_edges
-from millcal.physics.stability.regeneration import Regeneration, tip_of_shapes
-from millcal.physics.stability.stable_depths import is_stable
+from millcal.physics.stability.one_direction import boundary, common_direction, signed_distance, stable_edges
+from millcal.physics.stability.regeneration import KINDS, Regeneration, tip_of_shapes
+from millcal.physics.stability.stable_depths import edge_table, edges_of, is_stable
 from millcal.physics.stability.zero_order import limits_of_one_mode, mean_cutting_matrix
 
 RPM = 2 * np.pi / 60
@@ -39,6 +39,10 @@ def test_all_edges_of_the_benchmark_come_out_islands_among_them(case):
         found = stable_edges(np.array([row["rpm"] * RPM]), [tip()], cut, force, deepest=row["amax_m"])[0, 0]
         expected = [crossing["ap_m"] for crossing in row["list"]]
         np.testing.assert_allclose(found[np.isfinite(found)], expected, atol=6e-9)
+        exact = boundary(np.array([row["rpm"] * RPM]), tip(), cut, deepest=row["amax_m"])
+        np.testing.assert_allclose(exact.depth, expected, atol=6e-11)  # half of the last printed digit
+        assert [KINDS[kind][0].upper() for kind in exact.kind] == [crossing["type"] for crossing in row["list"]]
+        assert list(exact.loses) == [crossing["loses_stability"] for crossing in row["list"]]
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -57,6 +61,23 @@ def test_labels_are_those_of_the_multipliers(seed):
     radius = floquet.spectral_radius(np.repeat(speeds, 20), depth.ravel(), mode, cut, tolerance=1e-6)
     clear = np.abs(radius - 1) > 1e-5
     assert np.array_equal(is_stable(edges[:, np.newaxis], depth).ravel()[clear], (radius < 1)[clear])
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_boundary_is_that_of_the_multipliers_with_kinds_and_chatter_frequencies(seed):
+    rng = np.random.default_rng(seed)
+    cut = Regeneration(
+        int(rng.integers(1, 7)), *engaged(rng.uniform(0.02, 1), "down"), 7e8, rng.uniform(0.1, 0.8) * 7e8
+    )
+    mode = tip(rng.uniform(200, 2000), rng.uniform(0.005, 0.08), 1e7, rng.uniform(0, np.pi))
+    natural = np.abs(mode.pole[0])
+    speeds, deepest = natural / cut.teeth / rng.uniform(0.4, 6, 25), 1e7 * 40 * 0.03 / (7e8 * cut.in_cut)
+    found = boundary(speeds, mode, cut, deepest=deepest)
+    other = edges_of(floquet.boundary(speeds, mode, cut, deepest=deepest, tolerance=1e-6), complete=True)
+    np.testing.assert_allclose(edge_table(found, 25), edge_table(other, 25), rtol=3e-6)
+    for part in ("kind", "loses"):
+        np.testing.assert_array_equal(getattr(found, part), getattr(other, part))
+    np.testing.assert_allclose(found.frequency, other.frequency, rtol=1e-5)
 
 
 def test_each_draw_has_the_edges_of_its_own_structure_and_force_alone():
