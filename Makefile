@@ -78,6 +78,7 @@ $(foreach rule,$(wildcard $(RESULTS)),$(eval $(file <$(rule))))
 sample-data: $(RUNTIME) ## write the recordings of sample_data/ again from their recipes
 	@set -e; for recipe in recipes/simulate/*.toml; do \
 	  $(MILLCAL) simulate $$recipe --out sample_data/$$(basename $$recipe .toml) --quiet; done
+	@$(PY) tests/generators/low_immersion_cuts.py >/dev/null
 	@cd sample_data && LC_ALL=C sha256sum */* > SHA256SUMS
 
 # ---- development
