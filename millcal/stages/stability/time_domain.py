@@ -2,14 +2,20 @@
 
 A cut is called stable when it repeats with what drives it: once per tooth, or once per revolution where the teeth are not alike.
 It is looked at under a strobe of that period at eight phases, along x and along y, and it repeats when the mean change from
-flash to flash is at most one hundredth of the feed per tooth (1 um at 0.1 mm) at every phase: motions scale with the feed,
-because force is linear in chip and motion, and beyond the limit they grow until teeth leave the cut. Close to the limit
+flash to flash is at most a tenthousandth of the feed per tooth (10 nm at 0.1 mm) at every phase: motions scale with the feed,
+because force is linear in chip and motion, and beyond the limit they grow until teeth leave the cut. (Measured cuts are
+judged at 1 um; there is no noise here, and a stiff tool that chatters may move less than that.) Close to the limit
 transients die slowly: a change that falls as a power does, within what was looked at (`numerics.periodicity`) or from one such
 stretch to the next, is taken to die, and one that falls otherwise is run on, five times as long at most.
 
 The limit of a speed lies between two depths of the grid of which one chatters and the other does not, and is found by halving.
-What the simulation knows beyond a multiplier: cuts that chatter once disturbed, though a small wave dies, because teeth
-leave the cut. It starts from rest with the whole chip, which is such a disturbance.
+What the simulation knows beyond a multiplier, and why limits may differ from it by more than a halving:
+- Cuts that chatter once disturbed, though a small wave dies, because teeth leave the cut. The start from rest with the whole
+  chip is such a disturbance.
+- Edge forces end with the chip. Where a cut runs out to nothing (the exit of down milling, the entry of up), waves move that place,
+  and K_e over the feed adds to the stiffness of the cut there: the smaller the feed, the lower the limit.
+- Teeth that are not alike do not meet their own deflection again, so that near a resonance the steady motion itself may take some
+  of them out of the cut, and a cut with fewer teeth is more stable.
 
 A period doubling of an even number of teeth repeats every revolution, as runout does. So with runout such a cut counts as
 stable only if it repeats every tooth with the runout left out.
@@ -27,7 +33,9 @@ from millcal.numerics.periodicity import change, periodicity
 from millcal.physics.stability.regeneration import FLIP, HOPF, Crossings, Regeneration, TipModes
 from millcal.physics.stability.time_domain import flashes_per_revolution, simulate_cut, simulate_points
 
-REPEATS = 0.01  # of the feed per tooth: change from flash to flash up to which a cut repeats
+REPEATS = 1e-4  # of the feed per tooth: change from flash to flash up to which a cut repeats
+LOCKED = 0.05  # of the change over one period: what may be left over n of them, where a cut repeats after n ..
+NEARLY = 0.01  # .. and of the feed per tooth: it may still be on its way there
 FLASHES = 200  # looked at, after as many that are not
 LONGER = 5  # times as long where it is not decided
 LONGEST = 12  # periods told apart from chatter
@@ -58,7 +66,8 @@ class _Outcome(NamedTuple):
     period: int  # in what `SimulatedCuts` says; 1: stable, 0: never
     metric: float  # m
     samples: np.ndarray  # (phase, flash, 2), m; those of a grid are not kept
-    hidden: bool  # a period doubling that runout hides
+    doubled: bool  # the change over two periods is far less than over one
+    hidden: bool  # chatter that repeats every revolution, as runout does
     decided: bool
 
 
@@ -210,7 +219,12 @@ def _simulated(what: _Cut, speed: float, depth: float) -> _Outcome:
     )  # fmt: skip
     samples = strobed.displacement[0]
     found = periodicity(_rows(samples), threshold, longest=LONGEST)
-    period = 1 if _dies_out(levels) else found.period
+    period = found.period
+    if _dies_out(levels):
+        period = 1
+    elif period != 1:
+        locked = np.flatnonzero(found.lasting <= min(LOCKED * found.change[0], NEARLY * what.feed_per_tooth))
+        period = int(locked[0]) + 1 if len(locked) else 0
     if 1 < each < what.cut.teeth and period > 1:  # a pattern of pitches that repeats within a revolution
         period = period // each if period % each == 0 and period > each else 0
     hidden = False
@@ -219,7 +233,8 @@ def _simulated(what: _Cut, speed: float, depth: float) -> _Outcome:
         period = 0 if hidden else 1
     ended = int(strobed.revolutions[0]) + kept > 2 * LONGER * kept
     decided = period == 1 or not ended or levels[-1] >= FALLS * levels[-2]
-    return _Outcome(period, float(found.change[0]), samples, hidden, decided)
+    doubled = bool(found.change[1] <= LOCKED * found.change[0])
+    return _Outcome(period, float(found.change[0]), samples, doubled, hidden, decided)
 
 
 def _between(
@@ -255,7 +270,10 @@ def _rows(samples: np.ndarray) -> np.ndarray:
 
 def _chatter(what: _Cut, speed: float, depth: float, outcome: _Outcome) -> tuple[int, float]:
     """Kind of a loss of stability, and the strongest line of the motion beside the tooth-passing ones.   returns kind, Hz"""
-    smooth = what._replace(runout=(0.0, 0.0)) if outcome.hidden else what
+    smooth = what
+    if outcome.hidden:
+        smooth = what._replace(runout=(0.0, 0.0))
+        outcome = _simulated(smooth, speed, depth)
     each = flashes_per_revolution(smooth.cut, smooth.runout)
     kept = -(-FLASHES // each)
     history = simulate_cut(speed, depth, smooth.tip, smooth.cut, **smooth.options(), revolutions=2 * kept)
@@ -275,10 +293,9 @@ def _chatter(what: _Cut, speed: float, depth: float, outcome: _Outcome) -> tuple
     resolution = 1 / (motion.shape[1] * (history.time[1] - history.time[0]))
     frequency = float((top + between) * resolution)
     driving = speed * each / (2 * np.pi)
-    doubled = outcome.period == 2 or outcome.hidden
-    if doubled:
-        frequency = (np.floor(frequency / driving) + 0.5) * driving
-    return (FLIP if doubled else HOPF), frequency
+    if outcome.doubled:
+        return FLIP, float((np.floor(frequency / driving) + 0.5) * driving)
+    return HOPF, frequency
 
 
 def _record(what: _Cut, speed: np.ndarray, depth: np.ndarray, outcomes: list[_Outcome]) -> SimulatedCuts:

@@ -5,7 +5,9 @@ import pytest
 
 from millcal.errors import IllPosedError
 from millcal.physics.stability import floquet
-from millcal.physics.stability.regeneration import KINDS, Regeneration, tip_of_shapes
+from millcal.physics.stability.regeneration import KINDS, Regeneration, tip_of_modes, tip_of_shapes
+from millcal.physics.stability.time_domain import simulate_cut
+from millcal.physics.structure import Mode
 from millcal.stages.stability.time_domain import crossings_in_time, simulated_cuts, with_bifurcation
 
 RPM = 2 * np.pi / 60
@@ -13,6 +15,12 @@ FLEXURE = tip_of_shapes([np.sqrt(1.64e6 / 2.51) / (2 * np.pi)], [114 / 2 / np.sq
 INSERT = Regeneration(1, np.arccos(2 * 5 / 15.88 - 1), np.pi, 903.9e6, 534.5e6)  # one tooth, 15.88 mm, 5 mm down
 FEED = {"feed_per_tooth": 0.1e-3}
 TWO_TEETH = Regeneration(2, np.pi - np.arccos(1 - 2 * 0.1), np.pi, 600e6, 200e6)
+TWO_BY_TWO = tip_of_modes(
+    (Mode(456.780432115313, 0.111705399393456, 7933097.18086825, "x"),
+     Mode(1448.88914030656, 0.0170370095790783, 14691778.4389479, "x"),
+     Mode(516.51818914797, 0.0245796327070992, 9374613.81193087, "y"),
+     Mode(1408.44814086966, 0.0313576019295683, 12406389.7145168, "y"))
+)  # fmt: skip
 THIN = tip_of_shapes([922.0], [0.011], [[1 / np.sqrt(0.03993), 0.0]])
 
 
@@ -133,3 +141,32 @@ def test_what_is_done_is_told():
 def test_a_cut_without_a_feed_is_refused():
     with pytest.raises(IllPosedError, match="feed_per_tooth_mm"):
         crossings_in_time(FLEXURE, INSERT, np.array([4500 * RPM]), deepest=6e-3, feed_per_tooth=None)
+
+
+def test_edge_forces_lower_the_limit_the_more_the_smaller_the_feed():
+    """Down milling runs out to no chip, and waves move the place where the edge force ends; at a large feed they do not."""
+    speed, cut = np.array([6000 * RPM]), Regeneration(2, np.pi / 2, np.pi, 1319.4e6, 788.8e6)
+    limits = [
+        crossings_in_time(TWO_BY_TWO, cut, speed, deepest=3e-3, depths=3, feed_per_tooth=feed, kte=kte, kre=0.6 * kte)[
+            0
+        ]
+        for kte, feed in ((0.0, 1e-4), (20e3, 1e-2), (20e3, 1e-3), (20e3, 4e-4), (20e3, 1e-4))
+    ]
+    without, coarse, *finer = [float(limit.depth[0]) * 1e3 for limit in limits]
+    assert without == pytest.approx(1.8428, abs=0.035)
+    assert coarse == pytest.approx(without, abs=0.035)
+    assert np.all(np.diff([without, *finer]) <= 0)
+    assert finer[-1] < 0.93 * without
+
+
+def test_teeth_that_are_not_alike_may_leave_the_cut_and_so_keep_it_stable():
+    """Pitches 70/110/70/110: the steady motion near the resonance, larger than the feed, takes teeth out of the cut."""
+    swept = np.arccos(1 - 2 * 0.3)
+    cut = Regeneration(4, np.pi - swept, np.pi, 600e6, 200e6, tuple(np.deg2rad([70, 110, 70, 110])))
+    tip = tip_of_shapes([922.0, 922.0], [0.011, 0.011], np.eye(2) / np.sqrt(0.03993))
+    speed, depth = np.array([9000 * RPM]), np.array([1e-3])
+    assert floquet.spectral_radius(speed, depth, tip, cut)[0] > 1.2
+    assert simulated_cuts(tip, cut, speed, depth, **FEED)[0].period == 1
+    settled = simulate_cut(speed[0], depth[0], tip, cut, **FEED, revolutions=150)
+    last = settled.force[:, -settled.steps_per_revolution :]
+    assert np.mean(np.abs(last).sum(axis=0) > 0) < 0.8 * cut.in_cut
