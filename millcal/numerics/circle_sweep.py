@@ -27,6 +27,7 @@ REAL = 1e-9  # share of imaginary parts in the largest entry up to which a matri
 LEAST_STEP = 1e-6  # rad
 NEAR_END = np.pi * 4.0 ** -np.arange(3, 8)  # distances from an end at which the grid has angles: 0.05 .. 2e-4 rad
 ROUNDS = 14  # of halving
+STEPS = 32  # of the even grid with which the search begins
 
 
 class CircleCrossings(NamedTuple):
@@ -49,7 +50,7 @@ def circle_crossings(
     matrix: Callable[[np.ndarray], np.ndarray],
     largest: float,
     *,
-    steps: int = 32,
+    steps: int = STEPS,
     extra: np.ndarray | None = None,
     start: float = 0.0,
     tolerance: float = 1e-10,
@@ -60,18 +61,29 @@ def circle_crossings(
     steps : of the even grid with which the search begins   extra : angles (k,) about which M is known to change fast
     start : 0 or above, where M is not to be asked for below   tolerance : of |Im lambda / lambda| at a crossing
     """
-    grid = [np.linspace(start, np.pi, steps + 1), np.pi - NEAR_END, start + NEAR_END]
+    angle = first_angles(steps, start)
     if extra is not None:
-        grid.append(np.asarray(extra, float))
-    angle = np.unique(np.concatenate(grid))
-    angle = angle[(angle >= start) & (angle <= np.pi)]
-    angle = angle[np.append(np.diff(angle) > LEAST_STEP, True)]
+        extra = np.asarray(extra, float)
+        angle = _apart(np.concatenate([angle, extra[(extra > start) & (extra < np.pi)]]))
     chart = _followed(matrix, angle, largest)
     inner = _within(matrix, chart, largest, tolerance)
     ends = [_at_end(chart, index, largest) for index in (0, -1)]
     found = CircleCrossings(*(np.concatenate(parts) for parts in zip(inner, *ends, strict=True)))
     order = np.argsort(found.factor, kind="stable")
     return CircleCrossings(*(part[order] for part in found))
+
+
+def first_angles(steps: int = STEPS, start: float = 0.0) -> np.ndarray:
+    """The angles at which the search begins, for who wants to prepare them.   returns (angle,) rad, from start to pi"""
+    return _apart(np.concatenate([np.linspace(start, np.pi, steps + 1), np.pi - NEAR_END, start + NEAR_END]))
+
+
+def _apart(angle: np.ndarray) -> np.ndarray:
+    """Ascending, without those that differ by less than a step may; the last stays."""
+    angle = np.unique(angle)
+    kept = np.append(np.diff(angle) > LEAST_STEP, True)
+    kept[0] = True
+    return angle[kept]
 
 
 def _eigenvalues(matrix: Callable[[np.ndarray], np.ndarray], angle: np.ndarray) -> np.ndarray:
