@@ -41,6 +41,11 @@ def figures(shown: Sequence[Figure], title: str, caption: str, layout: str, key:
     return {**head, "figures": inner} if inner else None
 
 
+def steps(title: str, shown: Sequence[str]) -> dict | None:
+    """What to do, best first."""
+    return {"kind": "steps", "title": title, "steps": shown} if shown else None
+
+
 def facts(title: str, shown: Sequence[tuple[str, str]]) -> dict | None:
     """Pairs of what and how much."""
     return {"kind": "facts", "title": title, "facts": shown} if shown else None

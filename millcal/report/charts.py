@@ -29,7 +29,7 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """The area between two lines."""
+    """The area between two lines; several areas where values that are not finite part them."""
 
     x: np.ndarray
     low: np.ndarray
@@ -39,7 +39,7 @@ class Band:
 
 @dataclass(frozen=True, eq=False)
 class Marks:
-    """Points: dot, ring, square, diamond, cross or dash; labels stand above them."""
+    """Points: dot, ring, square, diamond, cross, dash or, where they are many, point; labels stand above them."""
 
     x: np.ndarray
     y: np.ndarray
@@ -195,11 +195,14 @@ def _draw(item: Item, sx: _Scale, sy: _Scale, width: float, height: float) -> li
         return [f'<polyline class="line {item.kind}" points="{svg.pairs(x[run], y[run])}"/>' for run in svg.runs(x, y)]
     if isinstance(item, Band):
         x, low, high = sx(item.x), sy(item.low), sy(item.high)
-        parts = []
-        for run in svg.runs(x, low, high):
-            points = f"{svg.pairs(x[run], high[run])} {svg.pairs(x[run][::-1], low[run][::-1])}"
-            parts.append(f'<polygon class="band {item.kind}" points="{points}"/>')
-        return parts
+        rings = [
+            f"{svg.pairs(x[run], high[run])} {svg.pairs(x[run][::-1], low[run][::-1])}"
+            for run in svg.runs(x, low, high)
+        ]
+        if len(rings) < 2:
+            return [f'<polygon class="band {item.kind}" points="{points}"/>' for points in rings]
+        d = "".join(f"M{points}z" for points in rings)  # one shape: no seam where two meet
+        return [f'<path class="band {item.kind}" d="{d}"/>']
     if isinstance(item, Span):
         start, stop = float(sx(item.start)), float(sx(item.stop))
         start, stop = max(start, 0.0), min(stop, width)
@@ -231,6 +234,10 @@ def _draw(item: Item, sx: _Scale, sy: _Scale, width: float, height: float) -> li
         return [f'<path class="whisker {item.kind}" d="{d}"/>'] if d else []
     x, y = sx(item.x), sy(item.y)
     good = np.flatnonzero((x >= -0.5) & (x <= width + 0.5) & (y >= -0.5) & (y <= height + 0.5))
+    if item.shape == "point":  # one path for all, and those that fall together once
+        places = dict.fromkeys(f"M{svg.number(a)},{svg.number(b)}h0" for a, b in zip(x[good], y[good], strict=True))
+        path = f'<path class="marks point {item.kind}" stroke-width="{2 * item.size:g}" d="{"".join(places)}"/>'
+        return [path] if places else []
     shapes = "".join(svg.mark(float(x[i]), float(y[i]), item.shape, item.size) for i in good)
     parts = [f'<g class="marks {item.shape} {item.kind}">{shapes}</g>'] if shapes else []
     for i in good[: len(item.labels)]:

@@ -33,13 +33,14 @@ from millcal.report import (
     modal_figures,
     modal_tables,
     notices,
-    stability_figure,
+    stability_section,
     tables,
     vibration_quality,
 )
 from millcal.report.axes import mean_is_known
-from millcal.report.digits import fixed, nominal, plus_minus, rounded_down, significant
+from millcal.report.digits import nominal, plus_minus, significant
 from millcal.report.driving_points import driving_pairs
+from millcal.report.stability_wording import operating_verdict
 from millcal.report.wording import (
     HISTORY_PLACES,
     Verdict,
@@ -47,13 +48,10 @@ from millcal.report.wording import (
     fit_level,
     fit_verdict,
     law_in_words,
-    map_verdict,
-    operating_verdict,
     parameter,
     question,
     spelt,
 )
-from millcal.units import to_shop
 
 
 def _with_indices(text: str) -> Markup:
@@ -84,7 +82,8 @@ def render(results: Mapping[str, Any], summary: Mapping[str, Any], provenance: M
 
     results : any of "cuts" (sequence of CutForce), "vibrations" (sequence of CutVibration), "frf" (Frf), "sensor" (Frf),
         "modes" (Modes), "forces" (ForceHarmonics), "coefficients" (Coefficients or CoefficientHistory), "stability"
-        (StabilityMap); a missing or None entry leaves its sections out
+        (StabilityMap), "stability_compared" (sequence of StabilityMap, the same cut by several methods); a missing or
+        None entry leaves its sections out
     summary : what `summary.json` holds; read are `title`, `warnings` and `notes` [{code, message, where}],
         `expect` [{key, value, interval, ok}] and `recordings` [{name, path, kind, sample_rate_hz, duration_s,
         channels: [{name, quantity, unit, dof}]}], each optional
@@ -114,7 +113,7 @@ def render(results: Mapping[str, Any], summary: Mapping[str, Any], provenance: M
         _coefficients(fit, compared=forces is not None),
         *history_section.sections(history),
         *force_harmonics_section.coefficients(forces, elsewhere=found is not None),
-        _stability(map_, judged),
+        stability_section.section(map_, judged, results.get("stability_compared") or ()),
         force_harmonics_section.advice(forces),
     ]
     return _TEMPLATES.get_template("page.html.j2").render(
@@ -304,20 +303,6 @@ def _coefficients(fit: Coefficients | None, *, compared: bool) -> dict | None:
     )
 
 
-def _stability(map_: StabilityMap | None, fit: Fit | None) -> dict | None:
-    if map_ is None:
-        return None
-    doubt = map_verdict(fit)
-    return blocks.section(
-        "stability",
-        "Stability",
-        {"kind": "verdict", "verdict": doubt} if doubt else None,
-        blocks.facts("", tables.map_facts(map_)),
-        blocks.figure(stability_figure.lobes(map_)),
-        blocks.table(tables.best_speeds(map_)),
-    )
-
-
 def _subtitle(cuts: Sequence[Cut], fit: Fit | None, frf: Frf | None, modes: Modes | None) -> str:
     parts = []
     cutter = fit.cutter if fit is not None else cuts[0].cutter if cuts else None
@@ -357,17 +342,7 @@ def _key_numbers(fit: Fit | None, map_: StabilityMap | None, frf: Frf | None, mo
                 continue
             value = plus_minus(*(float(v) / known.factor for v in (mean, low, high)))
             numbers.append({"name": name, "value": value, "unit": known.unit.strip("1"), "word": ""})
-    if map_ is not None:
-        if map_.absolute_minimum < float("inf"):
-            value = significant(map_.absolute_minimum * 1e3)
-            numbers.append(
-                {"name": "Smallest limit", "value": value, "unit": "mm", "word": "stable below it at every speed"}
-            )
-        for best in map_.best[:1]:
-            limit, safe = best.axial_depth * 1e3, best.safe_depth
-            word = f"limit {significant(limit)} mm" if safe is None else f"safe to {rounded_down(safe * 1e3, 2)} mm"
-            speed = fixed(to_shop(best.spindle_speed, "spindle_speed_rpm"), 0)
-            numbers.append({"name": "Best speed", "value": speed, "unit": "rpm", "word": word})
+    numbers += stability_section.key_numbers(map_)
     if modes is not None and modes.fit is not None and not numbers:
         numbers += modal_tables.key_numbers(modes)
     if frf is not None and fit is None and map_ is None:

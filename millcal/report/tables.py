@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import inf
 from typing import Any, Literal
 
 import numpy as np
@@ -16,11 +15,10 @@ from millcal.data import (
     ForceHarmonics,
     Frf,
     Posterior,
-    StabilityMap,
 )
 from millcal.report.axes import axes_measured, mean_is_known
-from millcal.report.digits import UNKNOWN, decimals_for, fixed, nominal, rounded_down, significant, with_interval
-from millcal.report.wording import channels_in_words, cut_names, parameter, percent, short_names
+from millcal.report.digits import UNKNOWN, decimals_for, fixed, nominal, significant, with_interval
+from millcal.report.wording import channels_in_words, cut_names, parameter, short_names
 from millcal.units import to_shop
 
 MOST_PEAKS = 12  # lines of the spectrum that are listed
@@ -305,55 +303,6 @@ def left_out(fit: Coefficients) -> Table | None:
     note = "Residual over AC rms when the cut is predicted from the others; below 0.15 is good, 1 is no better than the mean."
     headings = ("cut", "f_z, mm", *(f"F{axis}" for axis in AXES))
     return Table("Each cut predicted from the others", headings, rows, note=note)
-
-
-def best_speeds(map_: StabilityMap) -> Table | None:
-    """The speeds worth running, best first: what to cut there, what that removes, and the limit above it."""
-    banded = any(best.safe_depth is not None for best in map_.best)
-    rows = []
-    for number, best in enumerate(map_.best, 1):
-        limit = fixed(best.axial_depth * 1e3, 2)
-        row = [str(number), fixed(_rpm(best.spindle_speed), 0)]
-        if not banded:
-            rows.append([*row, limit, _removal(best.removal_rate)])
-        elif best.safe_depth is None:
-            rows.append([*row, UNKNOWN, UNKNOWN, limit])
-        else:
-            share = best.safe_depth / best.axial_depth
-            rows.append([*row, rounded_down(best.safe_depth * 1e3, 2), _removal(share * best.removal_rate), limit])
-    if banded:
-        headings = ("", "speed, rpm", "safe a_p, mm", "removal rate, cm³/min", "limit a_p, mm")
-        note = (
-            "Safe: stable with 97.5 %, as far as coefficients and FRF go; the removal rate is that of the safe depth. At "
-            "the limit itself the cut is as likely to chatter as not."
-        )
-    else:
-        headings = ("", "speed, rpm", "limit a_p, mm", "removal rate, cm³/min")
-        note = (
-            "No band is known, so no safe depth: the removal rate is that at the limit, and a cut has to stay below it."
-        )
-    return Table("Best speeds", headings, rows, note=note) if rows else None
-
-
-def _removal(rate: float) -> str:
-    return significant(to_shop(rate, "removal_rate_cm3_per_min"))
-
-
-def map_facts(map_: StabilityMap) -> list[tuple[str, str]]:
-    """What the map was made for, as pairs of what and how much."""
-    width = "slot" if map_.direction == "slot" else f"{nominal(map_.radial_depth * 1e3)} mm, {map_.direction} milling"
-    smallest = "none found" if map_.absolute_minimum == inf else f"{significant(map_.absolute_minimum * 1e3)} mm"
-    facts = [
-        ("method", {"zoa": "zero-order"}.get(map_.method, map_.method)),
-        ("cutter", f"D {nominal(map_.diameter * 1e3)} mm, {map_.teeth} teeth"),
-        ("radial depth", width),
-        ("smallest limit", f"{smallest}, chatter at {significant(map_.absolute_minimum_frequency, 4)} Hz"),
-    ]
-    if (point := map_.operating) is not None:
-        speed, depth = point.spindle_speed, point.axial_depth
-        share = "" if point.p_stable is None else f", stable with {percent(point.p_stable)}"
-        facts.append(("operating point", f"{fixed(_rpm(speed), 0)} rpm, {nominal(depth * 1e3)} mm{share}"))
-    return facts
 
 
 def expected(summary: Mapping[str, Any]) -> Table | None:

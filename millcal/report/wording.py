@@ -7,8 +7,8 @@ from math import degrees
 from pathlib import PurePath
 from typing import Any
 
-from millcal.data import CoefficientHistory, Coefficients, Cutter, CuttingConditions, ForceHarmonics, StabilityMap
-from millcal.report.digits import fixed, nominal, significant, with_interval
+from millcal.data import CoefficientHistory, Coefficients, Cutter, CuttingConditions, ForceHarmonics
+from millcal.report.digits import fixed, nominal, significant
 from millcal.units import to_shop
 
 
@@ -104,7 +104,8 @@ class Verdict:
 _SIGNS = {"good": "✓", "part": "!", "bad": "✕", "none": "i"}
 
 
-def _said(level: str, head: str, text: str) -> Verdict:
+def judged(level: str, head: str, text: str) -> Verdict:
+    """A verdict with the sign of its level: good, part, bad or none."""
     return Verdict(level, _SIGNS[level], head, text)
 
 
@@ -121,58 +122,13 @@ def fit_verdict(fit: Coefficients | CoefficientHistory | ForceHarmonics) -> Verd
     if level == "bad":
         text = why.strip() or "; ".join(check.message for check in fit.checks if not check.passed)
         warning = "Do not use the coefficients as material constants."
-        return _said(level, f"The force model does not fit {cuts}", f"{_sentence(text)} {warning}".strip())
+        return judged(level, f"The force model does not fit {cuts}", f"{_sentence(text)} {warning}".strip())
     if level == "part":
         text = f"{_sentence(why)} Take the coefficients as provisional.".strip()
-        return _said(level, f"The force model fits {cuts} in part", text)
+        return judged(level, f"The force model fits {cuts} in part", text)
     if level == "good":
-        return _said(level, f"The force model fits {cuts}", _sentence(why))
-    return _said(level, _sentence(fit.verdict).rstrip("."), "")
-
-
-_DOUBTS = {
-    "bad": "The map rests on coefficients that do not fit",
-    "part": "The map rests on coefficients that are provisional",
-}
-
-
-def map_verdict(fit: Coefficients | CoefficientHistory | ForceHarmonics | None) -> Verdict | None:
-    """What the map is worth where its coefficients are in doubt; None where they are not."""
-    level = fit_level(fit) if fit is not None else "good"
-    if level not in _DOUBTS:
-        return None
-    return _said(level, _DOUBTS[level], "Its band and its probabilities know nothing of that.")
-
-
-def operating_verdict(
-    map_: StabilityMap, fit: Coefficients | CoefficientHistory | ForceHarmonics | None = None
-) -> Verdict | None:
-    """Whether the cut that the recipe names is stable; None where it names none or the map does not reach there."""
-    point = map_.operating
-    if point is None:
-        return None
-    speed, depth = point.spindle_speed, point.axial_depth
-    place = f"{to_shop(speed, 'spindle_speed_rpm'):.0f} rpm and {nominal(depth * 1e3)} mm"
-    limit, interval, p = point.limit, point.limit_interval, point.p_stable
-    said = []
-    if limit != float("inf"):
-        text = f"The limit there is {significant(limit * 1e3)} mm"
-        if interval is not None:
-            value, low, high = with_interval(limit * 1e3, *(bound * 1e3 for bound in interval))
-            text = f"The limit there is {value} mm, with 95 % between {low} and {high} mm"
-        said.append(text + ".")
-    if p is not None:
-        said.append(f"Probability of a stable cut: {percent(p)}.")
-        level = "good" if p >= 0.95 else "bad" if p <= 0.05 else "part"
-    else:
-        said.append("No band is known.")
-        level = "good" if point.stable else "bad"
-    head = {"good": "Stable", "part": "Stable or not: too close to tell", "bad": "Chatter"}[level]
-    doubt = map_verdict(fit)
-    if doubt is not None:
-        said.append(f"{doubt.head}.")
-        level = "part" if level == "good" else level
-    return _said(level, f"{head} at {place}", " ".join(said))
+        return judged(level, f"The force model fits {cuts}", _sentence(why))
+    return judged(level, _sentence(fit.verdict).rstrip("."), "")
 
 
 def short_names(names: Iterable[str]) -> dict[str, str]:

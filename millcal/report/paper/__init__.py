@@ -13,7 +13,7 @@ from millcal.report.axes import mean_is_known
 from millcal.report.paper import coefficients, force_harmonics, forces, frf, history, modes, sheet, stability
 
 NAMES = re.compile(
-    r"stability-map|frf(-\d+)?|modal-fit(-\d+)?|modal-chart|force-revolution(-\d+)?|mean-force|coefficients|history|"
+    r"stability-map|stability-methods|bifurcation|frf(-\d+)?|modal-fit(-\d+)?|modal-chart|force-revolution(-\d+)?|mean-force|coefficients|history|"
     r"force-harmonics|force-methods|speed-advice"
 )  # of all there can be
 
@@ -21,12 +21,16 @@ NAMES = re.compile(
 def figures_of(results: Mapping[str, Any]) -> dict[str, Any]:
     """Every figure that the records give, by name; to be called and used within `sheet.style()`.
 
-    results : as for the page, any of "cuts", "frf", "modes", "forces", "coefficients", "stability"
+    results : as for the page, any of "cuts", "frf", "modes", "forces", "coefficients", "stability", "stability_compared"
     """
     cuts, fit = tuple(results.get("cuts") or ()), results.get("coefficients")
     figures: dict[str, Any] = {}
     if results.get("stability") is not None:
         figures["stability-map"] = stability.stability_map(results["stability"])
+        sampled = stability.bifurcation(results["stability"])
+        figures |= {"bifurcation": sampled} if sampled is not None else {}
+    if len(compared := tuple(results.get("stability_compared") or ())) > 1:
+        figures["stability-methods"] = stability.comparison(compared)
     if results.get("frf") is not None:
         figures |= frf.driving_points(results["frf"], results.get("modes"))
     if results.get("modes") is not None:

@@ -1,5 +1,8 @@
-"""The stability map for print: limit depth and chatter frequency against spindle speed."""
+"""The stability map for print: what is stable against spindle speed, with the kinds of chatter that end it and their frequencies;
+several methods in one picture; and simulated cuts sampled once per period.
+"""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -8,48 +11,80 @@ from millcal.data import StabilityMap
 from millcal.report.charts import span_of
 from millcal.report.digits import significant
 from millcal.report.paper import sheet
-from millcal.report.stability_figure import depth_drawn
-from millcal.units import to_shop
+from millcal.report.stability_comparison import POINTWISE, bounds, depth_compared, in_order
+from millcal.report.stability_figure import CONTOURS, LEVELS, depth_drawn, reach, rpm_of
+from millcal.report.stability_regions import (
+    KINDS,
+    Area,
+    areas,
+    edges,
+    inner_crossings,
+    stable_stretches,
+    stretches_above,
+)
+from millcal.report.stability_samples import held_in_words, samples_of
+from millcal.report.wording import percent
+
+INKS = (sheet.MAIN, sheet.MODEL, "#7a3fa0")  # by kind
+STYLES: tuple = ("-", (0, (5, 1.6)), (0, (1.2, 1.4)))
+LIMITS = ("Hopf limit", "flip limit", "fold limit")
+SHADES = ("#eff5fb", "#dbe8f5", "#c5d9ee", "#adc9e6", "#93b8dd")  # from each of LEVELS on
+GREEN, RED, PURPLE = "#117a4b", "#a01525", "#7a3fa0"
+BY_METHOD: dict[str, tuple] = {  # name, ink, style, width
+    "floquet": ("Floquet", sheet.MAIN, "-", 1.1),
+    "frf": ("straight from the FRF", GREEN, (0, (7, 1.5, 1.2, 1.5)), 0.9),
+    "zoa": ("zero-order", sheet.MODEL, (0, (4, 1.8)), 0.9),
+}
+
+
+def stability_file(map_: StabilityMap, format: str, *, others: Sequence[StabilityMap] = ()) -> bytes:
+    """The map as a file, or the bounds by several methods where others stand beside it.   format : one of `sheet.FORMATS`"""
+    with sheet.style():
+        return sheet.file_bytes(comparison([map_, *others]) if others else stability_map(map_), format)
 
 
 def stability_map(map_: StabilityMap) -> Any:
-    """Limit with its 95 % band, smallest limit, best speeds and operating point; below it the chatter frequency."""
-    rpm = to_shop(map_.spindle_speed, "spindle_speed_rpm")
+    """Stable area or probabilities, limits by kind, what was asked, tried and advised; below it the chatter frequency."""
+    rpm = rpm_of(map_.spindle_speed)
     top = depth_drawn(map_) * 1e3
     if map_.best:
         top = max(top, 1.12 * max(best.axial_depth for best in map_.best) * 1e3)  # room for the number over the mark
-    out_of_sight = 3 * top  # where no limit was found
-
-    def shown(depth: np.ndarray) -> np.ndarray:
-        return np.where(np.isfinite(depth), np.minimum(depth * 1e3, out_of_sight), out_of_sight)
-
-    limit = shown(map_.limit_depth)
+    ends = (float(rpm[0]), float(rpm[-1]))
     figure, ((upper,), (lower,)) = sheet.sheet(sheet.DOUBLE, 105.0, 2, heights=(3, 1))
-    stable = upper.fill_between(rpm, 0, limit, color=sheet.STABLE)
-    (line,) = upper.plot(rpm, limit, color=sheet.MAIN, linewidth=0.9)
-    entries: list = [(line, "stability limit")]
-    if map_.limit_low is not None and map_.limit_high is not None:
-        band = upper.fill_between(rpm, shown(map_.limit_low), shown(map_.limit_high), color=sheet.BAND)
-        entries.append((band, "95 % band of the limit"))
-    entries.append((stable, "stable"))
+    entries = _limits(upper, map_, rpm, top)
     if np.isfinite(map_.absolute_minimum):
         smallest = map_.absolute_minimum * 1e3
         rule = upper.axhline(smallest, color=sheet.INK, linewidth=0.8, linestyle=(0, (1, 1.5)))
         entries.append((rule, f"smallest limit, {significant(smallest)} mm"))
+    entries += _tried(upper, map_)
     if map_.best:
-        speeds = [to_shop(best.spindle_speed, "spindle_speed_rpm") for best in map_.best]
+        speeds = rpm_of(np.array([best.spindle_speed for best in map_.best]))
         depths = [best.axial_depth * 1e3 for best in map_.best]
         (marks,) = upper.plot(speeds, depths, "D", color=sheet.MODEL, markersize=4, clip_on=False, zorder=4)
         entries.append((marks, "best speeds, best first"))
         for number, place in enumerate(zip(speeds, depths, strict=True), 1):
             upper.annotate(str(number), place, (0, 4), textcoords="offset points", ha="center", va="bottom", fontsize=7)
     if (point := map_.operating) is not None:
-        place = (to_shop(point.spindle_speed, "spindle_speed_rpm"), point.axial_depth * 1e3)
-        (mark,) = upper.plot(*place, "X", color=sheet.INK, markersize=6, markeredgewidth=0, clip_on=False, zorder=5)
+        speed, depth = float(rpm_of(point.spindle_speed)), point.axial_depth * 1e3
+        if point.stable:
+            (left, right), (low, high) = reach(point, ends, top)
+            bars = {
+                "color": sheet.INK,
+                "elinewidth": 0.8,
+                "capsize": 2.0,
+                "capthick": 0.8,
+                "fmt": "none",
+                "zorder": 4.5,
+            }
+            if right > left:
+                upper.errorbar(speed, depth, xerr=[[speed - left], [right - speed]], **bars)
+            if high > low:
+                upper.errorbar(speed, depth, yerr=[[max(depth - low, 0.0)], [max(high - depth, 0.0)]], **bars)
+        (mark,) = upper.plot(
+            speed, depth, "X", color=sheet.INK, markersize=6, markeredgewidth=0, clip_on=False, zorder=5
+        )
         entries.append((mark, "operating point"))
-    jumps = np.flatnonzero(np.diff(map_.lobe) != 0) + 1  # from lobe to lobe the frequency leaps
-    lower.plot(np.insert(rpm, jumps, np.nan), np.insert(map_.chatter_frequency, jumps, np.nan), color=sheet.MAIN)
-    ends = (float(rpm[0]), float(rpm[-1]))
+    _chatter(lower, map_, rpm)
     sheet.scale(upper, "x", ends, most=8)
     sheet.quiet(upper, "x")
     sheet.scale(upper, "y", (0.0, top), label="axial depth $a_\\mathrm{p}$ (mm)", most=7)
@@ -57,5 +92,145 @@ def stability_map(map_: StabilityMap) -> Any:
     sheet.scale(lower, "y", span_of(map_.chatter_frequency, margin=0.12), label="chatter\nfrequency (Hz)", most=3)
     figure.align_ylabels()
     sheet.letters((upper, lower))
-    sheet.legend(figure, entries, columns=3)
+    sheet.legend(figure, entries, columns=3 if len(entries) <= 9 else 4)
+    return figure
+
+
+def _limits(axes: Any, map_: StabilityMap, rpm: np.ndarray, top: float) -> list[tuple[Any, str]]:
+    """The area, the band and the bounds; returns what the legend says of them."""
+    out_of_sight = 3 * top  # where no limit was found
+
+    def shown(depth: np.ndarray) -> np.ndarray:
+        return np.minimum(np.where(np.isnan(depth), np.inf, depth) * 1e3, out_of_sight)
+
+    def filled(found: Sequence[Area], ink: str) -> Any:
+        for area in found:
+            axes.fill_between(
+                area.x, shown(area.low), shown(area.high), color=ink, linewidth=0.3
+            )  # no seam between two
+        return _patch(axes, ink)
+
+    columns = stable_stretches(map_)
+    stable = areas(rpm, columns)
+    shades: list[tuple[Any, str]] = []
+    if map_.probability is not None and map_.probability_depth is not None:
+        patches = []
+        for level, ink in zip(LEVELS, SHADES, strict=True):
+            found = areas(rpm, stretches_above(map_.probability_depth, map_.probability, level))
+            patches.append(filled(found, ink))
+            if level in CONTOURS:
+                for edge in edges(found):
+                    axes.plot(edge.x, shown(edge.y), color=sheet.MUTED, linewidth=0.6 if level == 0.5 else 0.4)
+        shades += [(patch, f"stable with > {percent(level)}") for patch, level in zip(patches, LEVELS, strict=True)]
+    else:
+        shades.append((filled(stable, sheet.STABLE), "stable"))
+        if map_.limit_low is not None and map_.limit_high is not None:
+            low, high = shown(map_.limit_low), shown(map_.limit_high)
+            band = axes.fill_between(rpm, low, high, color=sheet.BAND, alpha=0.8)
+            shades.insert(0, (band, "95 % band of the limit"))
+    within = inner_crossings(map_, columns)
+    if len(within):
+        places = rpm_of(map_.crossing_speed[within]), map_.crossing_depth[within] * 1e3
+        look = {"color": sheet.MUTED, "markeredgewidth": 0}
+        axes.plot(*places, ".", markersize=1.2, zorder=2, **look)
+        shades.append((axes.plot([], [], ".", markersize=3, **look)[0], "crossings within chatter"))
+    entries: dict[int, Any] = {}
+    for edge in edges(stable):
+        look = {"color": INKS[edge.kind], "linestyle": STYLES[edge.kind], "linewidth": 0.9}
+        (entries[edge.kind],) = axes.plot(edge.x, shown(edge.y), zorder=3, **look)
+    if set(entries) <= {0}:
+        return [*((line, "stability limit") for line in entries.values()), *shades]
+    return [*((entries[kind], LIMITS[kind]) for kind in sorted(entries)), *shades]
+
+
+def _patch(axes: Any, ink: str) -> Any:
+    """A piece of an area for the legend."""
+    return axes.fill_between([], [], [], color=ink)
+
+
+def _tried(axes: Any, map_: StabilityMap) -> list[tuple[Any, str]]:
+    """Cuts made and cuts simulated."""
+    entries = []
+    if (cuts := map_.simulated) is not None:
+        several = "teeth" if cuts.per == "tooth" else "revolutions"
+        for period in np.unique(cuts.period):
+            n, b = rpm_of(cuts.spindle_speed[cuts.period == period]), cuts.axial_depth[cuts.period == period] * 1e3
+            look: dict[str, Any] = {"marker": f"${period:.0f}$", "color": PURPLE, "markersize": 4}
+            text = f"simulated: every {period:.0f} {several}"
+            if period == 1:
+                look, text = {"marker": "o", "color": GREEN, "markersize": 2.2}, "simulated: stable"
+            elif period == 0:
+                look, text = {"marker": "_", "color": PURPLE, "markersize": 3}, "simulated: chatter"
+            (marks,) = axes.plot(n, b, linestyle="none", markeredgewidth=0.7 if period < 1 else 0.2, zorder=3.5, **look)
+            entries.append((marks, text))
+    if (tests := map_.tests) is not None:
+        for stable, marker, ink, text in ((True, "o", GREEN, "stable"), (False, "x", RED, "chatter")):
+            which = (tests.stable > 0) == stable
+            if which.any():
+                n, b = rpm_of(tests.spindle_speed[which]), tests.axial_depth[which] * 1e3
+                look = {"markerfacecolor": "none", "markeredgecolor": ink, "markeredgewidth": 1.0, "markersize": 4.5}
+                (marks,) = axes.plot(n, b, linestyle="none", marker=marker, zorder=4, **look)
+                entries.append((marks, f"cut made: {text}"))
+    return entries
+
+
+def _chatter(axes: Any, map_: StabilityMap, rpm: np.ndarray) -> None:
+    """The chatter frequency by kind; from lobe to lobe it leaps."""
+    jumps = np.flatnonzero((np.diff(map_.lobe) != 0) | (np.diff(map_.limit_kind) != 0)) + 1
+    found = False
+    for kind in range(len(KINDS)):
+        own = np.where(map_.limit_kind == kind, map_.chatter_frequency, np.nan)
+        if np.isfinite(own).any() or (not found and kind == len(KINDS) - 1):
+            look = {"color": INKS[kind], "linestyle": STYLES[kind]}
+            axes.plot(np.insert(rpm, jumps, np.nan), np.insert(own, jumps, np.nan), **look)
+            found = True
+
+
+def comparison(maps: Sequence[StabilityMap]) -> Any:
+    """The bounds of the same cut by several methods; a method that follows cuts in time is shown by points."""
+    rows = in_order(maps)
+    top = depth_compared(rows) * 1e3
+    rpm = [rpm_of(m.spindle_speed) for m in rows]
+    ends = (min(float(n[0]) for n in rpm), max(float(n[-1]) for n in rpm))
+    figure, ((axes,),) = sheet.sheet(sheet.DOUBLE, 80.0)
+    entries = []
+    for number, (map_, n) in enumerate(zip(rows, rpm, strict=True)):
+        if map_.method == POINTWISE:
+            limit = np.where(map_.limit_depth * 1e3 <= top, map_.limit_depth * 1e3, np.nan)
+            look = {"markerfacecolor": "white", "markeredgecolor": sheet.INK, "markersize": 3.6, "markeredgewidth": 0.8}
+            (shown,) = axes.plot(n, limit, "o", zorder=4, **look)
+            entries.append((shown, "time domain"))
+            continue
+        name, ink, style, width = BY_METHOD.get(map_.method, (map_.method, sheet.MUTED, (0, (1, 1)), 0.8))
+        look = {"color": ink, "linestyle": style, "linewidth": width, "zorder": 2.5 + 0.1 * number}
+        for edge in bounds(map_):
+            axes.plot(edge.x, np.minimum(edge.y, 3 * top), **look)
+        entries.append((axes.plot([], [], **look)[0], name))
+    sheet.scale(axes, "x", ends, label="spindle speed (rpm)", most=8)
+    sheet.scale(axes, "y", (0.0, top), label="axial depth $a_\\mathrm{p}$ (mm)", most=7)
+    sheet.legend(figure, entries, columns=4)
+    return figure
+
+
+def bifurcation(map_: StabilityMap) -> Any | None:
+    """Displacement once per period of simulated cuts along one line of the map; None without samples."""
+    found = samples_of(map_)
+    if found is None:
+        return None
+    figure, ((axes,),) = sheet.sheet(sheet.SINGLE, 62.0)
+    entries = []
+    micro = found.displacement * 1e6
+    look = {"color": sheet.MAIN, "markeredgewidth": 0}
+    axes.plot(found.at, micro, ".", markersize=1.5, zorder=3, rasterized=True, **look)
+    entries.append((axes.plot([], [], ".", markersize=4, **look)[0], f"once per {found.per}, {held_in_words(found)}"))
+    rules: dict[int, Any] = {}
+    for at, kind in found.bounds:
+        style = STYLES[kind] if kind else (0, (6, 2, 1.5, 2))
+        rules[kind] = axes.axvline(at, color=sheet.MUTED, linewidth=0.8, linestyle=style)
+    entries += [(rules[kind], LIMITS[kind]) for kind in sorted(rules)]
+    name = "spindle speed (rpm)" if found.along == "speed" else "axial depth $a_\\mathrm{p}$ (mm)"
+    margin = 0.01 * float(np.ptp(found.at)) or 1.0
+    sheet.scale(axes, "x", (float(found.at.min()) - margin, float(found.at.max()) + margin), label=name, most=5)
+    sheet.scale(axes, "y", span_of(micro), label="displacement (µm)")
+    sheet.legend(figure, entries, columns=2)
     return figure

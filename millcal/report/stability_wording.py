@@ -1,0 +1,83 @@
+"""What a stability map says in plain words: what it is worth, and whether the cut that was asked about is stable."""
+
+from math import inf, isfinite
+
+from millcal.data import CoefficientHistory, Coefficients, ForceHarmonics, OperatingPoint, StabilityMap
+from millcal.report.digits import fixed, nominal, significant, with_interval
+from millcal.report.wording import Verdict, fit_level, judged, percent
+from millcal.units import to_shop
+
+METHODS = {
+    "zoa": "zero-order",
+    "floquet": "Floquet multipliers",
+    "frf": "Floquet multipliers, straight from the FRF",
+    "time-domain": "simulated in the time domain",
+}
+SHORT = {"zoa": "zero-order", "floquet": "Floquet", "frf": "from the FRF", "time-domain": "time domain"}
+KINDS = {"hopf": "chatter between the tooth passings", "flip": "period doubling", "fold": "static divergence"}
+_DOUBTS = {
+    "bad": "The map rests on coefficients that do not fit",
+    "part": "The map rests on coefficients that are provisional",
+}
+
+
+def map_verdict(fit: Coefficients | CoefficientHistory | ForceHarmonics | None) -> Verdict | None:
+    """What the map is worth where its coefficients are in doubt; None where they are not."""
+    level = fit_level(fit) if fit is not None else "good"
+    if level not in _DOUBTS:
+        return None
+    return judged(level, _DOUBTS[level], "Its band and its probabilities know nothing of that.")
+
+
+def operating_verdict(
+    map_: StabilityMap, fit: Coefficients | CoefficientHistory | ForceHarmonics | None = None
+) -> Verdict | None:
+    """Whether the cut that the recipe names is stable; None where it names none."""
+    point = map_.operating
+    if point is None:
+        return None
+    place = f"{to_shop(point.spindle_speed, 'spindle_speed_rpm'):.0f} rpm and {nominal(point.axial_depth * 1e3)} mm"
+    told = _limit_in_words(point)
+    if point.p_stable is not None:
+        told.append(f"Probability of a stable cut: {percent(point.p_stable)}.")
+        level = "good" if point.p_stable >= 0.95 else "bad" if point.p_stable <= 0.05 else "part"
+    else:
+        told.append("No band is known.")
+        level = "good" if point.stable else "bad"
+    margin = margin_in_words(point)
+    told += [f"{margin}."] if margin else []
+    head = {"good": "Stable", "part": "Stable or not: too close to tell", "bad": "Chatter"}[level]
+    doubt = map_verdict(fit)
+    if doubt is not None:
+        told.append(f"{doubt.head}.")
+        level = "part" if level == "good" else level
+    return judged(level, f"{head} at {place}", " ".join(told))
+
+
+def _limit_in_words(point: OperatingPoint) -> list[str]:
+    """The limit, what lies beyond it, and what is heard there."""
+    if point.limit == inf:
+        return []
+    text = f"The limit there is {significant(point.limit * 1e3)} mm"
+    if point.limit_interval is not None:
+        value, low, high = with_interval(point.limit * 1e3, *(bound * 1e3 for bound in point.limit_interval))
+        text = f"The limit there is {value} mm, with 95 % between {low} and {high} mm"
+    told = [text + "."]
+    if point.stable and point.axial_depth > point.limit:
+        told.append("Beyond it lies a pocket that is stable, and this cut in it: shallower it chatters too.")
+    if point.kind in KINDS and isfinite(point.chatter_frequency):
+        what = f"{KINDS[point.kind]} at {significant(point.chatter_frequency, 4)} Hz"
+        told.append(f"What ends it is {what}." if point.stable else f"It would be {what}.")
+    return told
+
+
+def margin_in_words(point: OperatingPoint) -> str:
+    """How far the speed may move before this depth chatters; nothing where that is not known."""
+    if not point.stable or point.speed_margin is None:
+        return ""
+    fall, rise = (to_shop(abs(margin), "spindle_speed_rpm") for margin in point.speed_margin)
+    words = [
+        f"{way} by {fixed(margin, 0)} rpm" if isfinite(margin) else f"{way} as far as the map goes"
+        for way, margin in (("fall", fall), ("rise", rise))
+    ]
+    return f"At this depth the speed may {words[0]} and {words[1]}"
