@@ -28,17 +28,31 @@ Schmitz, Smith 2019, Machining Dynamics, 2nd ed., section 4.4 (time-domain simul
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from millcal.errors import IllPosedError
 from millcal.physics.stability.regeneration import Regeneration, TipModes
 
+if TYPE_CHECKING:
+    from millcal.physics.stability import time_domain_kernel as kernel
+
 PER_WAVE = 40  # steps to the shortest wave of the tip
 IN_CUT = 40  # steps of a tooth in cut, at least
 LEAST = 200  # steps of a revolution
 LAG = 2  # steps that the edge of one slice lags, at most
+GRIP = 0.5  # of the cut on the flexibility: beyond, rounds of force and deflection do not settle
+
+
+class _Driven(NamedTuple):
+    """What drives a cut beside its waves."""
+
+    feed_per_tooth: float
+    kte: float
+    kre: float
+    runout: tuple[float, float]
 
 
 class TimeDomain(NamedTuple):
@@ -115,13 +129,13 @@ def simulate_cut(
     steps_per_revolution : None: `steps_for`   slices : None: `slices_for`   kick : impulse on the tip at the start, N s
     linear : waves alone, no feed, and teeth that never leave the cut
     """
-    run = _Run(
-        spindle_speed, depth, tip, cut, (feed_per_tooth, kte, kre, runout), steps_per_revolution, slices, kick, linear
-    )
-    run.lay_out(np.arange(run.steps))
+    steps = steps_per_revolution or steps_for(spindle_speed, depth, tip, cut)
+    driven = _Driven(feed_per_tooth, kte, kre, runout)
+    run = _start(spindle_speed, depth, tip, cut, driven, steps, slices, kick, linear, np.arange(steps))
     kept = run.forward(revolutions, revolutions).reshape(-1, 4)
     step = np.arange(len(kept))
-    return TimeDomain(step * run.dt, step * spindle_speed * run.dt, kept[:, :2].T, kept[:, 2:].T, run.steps)
+    angle = step * (2 * np.pi / steps)
+    return TimeDomain(angle / spindle_speed, angle, kept[:, :2].T, kept[:, 2:].T, steps)
 
 
 def simulate_points(
@@ -157,23 +171,14 @@ def simulate_points(
     found = np.empty((speeds.size, phases, kept * per_revolution, 2))
     ran = np.empty(speeds.size, int)
     total = 0
+    driven = _Driven(feed_per_tooth, kte, kre, runout)
     for i, (speed, b) in enumerate(zip(speeds.ravel(), depths.ravel(), strict=True)):
         if progress is not None:
             progress(i / speeds.size)
-        run = _Run(
-            float(speed),
-            float(b),
-            tip,
-            cut,
-            (feed_per_tooth, kte, kre, runout),
-            steps_per_revolution,
-            slices,
-            kick,
-            linear,
-        )
-        period = run.steps / per_revolution
-        at = np.arange(per_revolution)[:, np.newaxis] * period + np.arange(phases) * period / phases
-        run.lay_out(np.floor(at.ravel() + 1e-9).astype(int))
+        steps = steps_per_revolution or steps_for(float(speed), float(b), tip, cut)
+        flash = np.arange(per_revolution)[:, np.newaxis] + np.arange(phases) / phases  # in periods
+        sampled = np.floor(flash.ravel() * steps / per_revolution + 1e-9).astype(int)
+        run = _start(float(speed), float(b), tip, cut, driven, steps, slices, kick, linear, sampled)
         rows = run.forward(revolutions, kept)
         while True:
             samples = rows[..., :2].reshape(kept * per_revolution, phases, 2).transpose(1, 0, 2)
@@ -181,95 +186,117 @@ def simulate_points(
                 break
             rows = run.forward(kept, kept)
         found[i], ran[i] = samples, run.gone
-        total += run.gone * run.steps
+        total += run.gone * steps
     return Strobed(found, per_revolution, ran, total)
 
 
+@dataclass
 class _Run:
     """The tables of one cut and where it has got to."""
 
-    def __init__(
-        self,
-        spindle_speed: float,
-        depth: float,
-        tip: TipModes,
-        cut: Regeneration,
-        driven: tuple[float, float, float, tuple[float, float]],
-        steps: int | None,
-        slices: int | None,
-        kick: tuple[float, float],
-        linear: bool,
-    ) -> None:
-        from millcal.physics.stability import time_domain_kernel as kernel
-
-        self.kernel = kernel
-        feed, kte, kre, runout = (0.0, 0.0, 0.0, (0.0, 0.0)) if linear else driven
-        self.steps = steps_for(spindle_speed, depth, tip, cut) if steps is None else steps
-        if cut.equal_pitch and self.steps % cut.teeth:
-            raise ValueError(f"{self.steps=} of a revolution are no whole number for each of {cut.teeth} teeth")
-        self.dt = 2 * np.pi / spindle_speed / self.steps
-        self.tip, self.cut, self.depth = tip, cut, depth
-        self.travel = feed * cut.teeth
-        self.runout = runout
-        self.slices = slices_for(depth, cut, self.steps) if slices is None else slices
-        flexible = bool(np.any(tip.flexibility))
-        grip = depth * np.hypot(cut.ktc, cut.krc) * np.linalg.norm(tip.flexibility, 2) * np.ceil(cut.in_cut)
-        if flexible and grip > 0.9:
-            raise IllPosedError(
-                f"stability.method: the flexibility above the modes gives way to the cut by {grip:.2g} of its own motion "
-                "within one step of the time domain; use floquet, or fit the modes that it stands for"
-            )
-        half = np.exp(tip.pole * self.dt / 2)[:, np.newaxis]
-        late = 2 * tip.output * (half - 1)
-        self.moves = kernel.Tip(
-            2 * tip.output,
-            2 * tip.output * half,
-            2 * tip.output * half * tip.pole[:, np.newaxis],
-            np.einsum("mi,mj->ij", late / tip.pole[:, np.newaxis], tip.given).real.copy(),
-            np.einsum("mi,mj->ij", late, tip.given).real.copy(),
-            np.ascontiguousarray(tip.flexibility, dtype=float),
-            flexible,
-        )
-        ploughing = (0.0, 0.0)
-        if cut.indentation:
-            per_rate = cut.indentation / (cut.radius * spindle_speed)
-            ploughing = (cut.indentation_friction * per_rate, per_rate)
-        self.edge = kernel.Edge(cut.ktc, cut.krc, float(kte), float(kre), ploughing, linear)
-        self.state = tip.given @ np.asarray(kick, complex)
-        self.held = np.zeros(2)
-        self.gone = 0
-
-    def lay_out(self, sampled: np.ndarray) -> None:
-        """The tables of one revolution.   sampled : steps that are looked at, rising, integer (sample,)"""
-        step, sine, cosine, width, offset, before, tap, whole = _entries(
-            self.cut, self.steps, self.depth, self.slices, self.runout
-        )
-        stops = np.union1d(step, sampled)
-        jumps = np.diff(stops, append=stops[0] + self.steps)
-        distinct, jump = np.unique(jumps, return_inverse=True)
-        s, turn = self.tip.pole, distinct[:, np.newaxis] * self.dt
-        push = np.exp(s * (turn - self.dt)) * (np.exp(s * self.dt) - 1) / s
-        sample = np.full(len(stops), -1)
-        sample[np.searchsorted(stops, sampled)] = np.arange(len(sampled))
-        travel = self.travel * (stops + 0.5) / self.steps
-        self.stops = self.kernel.Stops(
-            jump.ravel(), distinct, travel, sample, np.exp(s * turn), push[:, :, np.newaxis] * self.tip.given
-        )
-        first = np.searchsorted(step, np.append(stops, self.steps))
-        self.entries = self.kernel.Entries(first, sine, cosine, width, offset, before, tap, whole)
-        self.samples = len(sampled)
-        last = self.travel * ((step + 0.5) / self.steps - 1)  # where a rigid tool was in the revolution before
-        self.surface = np.zeros(len(step)) if self.edge.linear else last * sine + offset
+    entries: "kernel.Entries"
+    stops: "kernel.Stops"
+    moves: "kernel.Tip"
+    edge: "kernel.Edge"
+    depth: float
+    travel: float  # of the feed in one revolution, m
+    samples: int  # of a revolution
+    state: np.ndarray
+    surface: np.ndarray
+    held: np.ndarray
+    gone: int = 0  # revolutions
 
     def forward(self, revolutions: int, kept: int) -> np.ndarray:
         """More revolutions.   returns what was seen in the last of them, (kept, sample, 4) m and N"""
+        from millcal.physics.stability.time_domain_kernel import run
+
         rows = np.empty((kept, self.samples, 4))
-        self.kernel.run(
+        run(
             self.entries, self.stops, self.moves, self.edge, self.depth, self.travel,
             self.gone, revolutions, self.state, self.surface, self.held, rows,
         )  # fmt: skip
         self.gone += revolutions
         return rows
+
+
+def _start(
+    spindle_speed: float,
+    depth: float,
+    tip: TipModes,
+    cut: Regeneration,
+    driven: _Driven,
+    steps: int,
+    slices: int | None,
+    kick: tuple[float, float],
+    linear: bool,
+    sampled: np.ndarray,
+) -> _Run:
+    """A tip at rest but for a kick, and the surface of a rigid tool.   sampled : steps of a revolution looked at, rising"""
+    from millcal.physics.stability import time_domain_kernel as kernel
+
+    if cut.equal_pitch and steps % cut.teeth:
+        raise ValueError(f"{steps=} of a revolution are no whole number for each of {cut.teeth} teeth")
+    grip = depth * np.hypot(cut.ktc, cut.krc) * np.linalg.norm(tip.flexibility, 2) * np.ceil(cut.in_cut)
+    if grip > GRIP:
+        raise IllPosedError(
+            f"stability.method: the flexibility above the modes gives way to the cut by {grip:.2g} of its own motion "
+            "within one step of the time domain; use floquet, or fit the modes that it stands for"
+        )
+    feed, kte, kre, runout = _Driven(0.0, 0.0, 0.0, (0.0, 0.0)) if linear else driven
+    slices = slices_for(depth, cut, steps) if slices is None else slices
+    dt = 2 * np.pi / spindle_speed / steps
+    travel = feed * cut.teeth
+    step, sine, cosine, width, offset, before, tap, whole = _entries(cut, steps, depth, slices, runout)
+    at = np.union1d(step, sampled)
+    jumps, jump = np.unique(np.diff(at, append=at[0] + steps), return_inverse=True)
+    s, ahead = tip.pole, jumps[:, np.newaxis] * dt
+    push = np.exp(s * (ahead - dt)) * (np.exp(s * dt) - 1) / s
+    sample = np.full(len(at), -1)
+    sample[np.searchsorted(at, sampled)] = np.arange(len(sampled))
+    ploughing = (0.0, 0.0)
+    if cut.indentation:
+        per_rate = cut.indentation / (cut.radius * spindle_speed)
+        ploughing = (cut.indentation_friction * per_rate, per_rate)
+    last = travel * ((step + 0.5) / steps - 1)  # where a rigid tool was in the revolution before
+    return _Run(
+        entries=kernel.Entries(
+            np.searchsorted(step, np.append(at, steps)), sine, cosine, width, offset, before, tap, whole
+        ),
+        stops=kernel.Stops(
+            jump.ravel(),
+            jumps,
+            travel * (at + 0.5) / steps,
+            sample,
+            np.exp(s * ahead),
+            push[:, :, np.newaxis] * tip.given,
+        ),
+        moves=_moves(tip, dt),
+        edge=kernel.Edge(cut.ktc, cut.krc, float(kte), float(kre), ploughing, linear),
+        depth=depth,
+        travel=travel,
+        samples=len(sampled),
+        state=tip.given @ np.asarray(kick, complex),
+        surface=np.zeros(len(step)) if linear else last * sine + offset,
+        held=np.zeros(2),
+    )
+
+
+def _moves(tip: TipModes, dt: float) -> "kernel.Tip":
+    """`time_domain_kernel.Tip` of a step."""
+    from millcal.physics.stability import time_domain_kernel as kernel
+
+    s = tip.pole[:, np.newaxis]
+    half = np.exp(s * dt / 2)
+    late = 2 * tip.output * (half - 1)
+    return kernel.Tip(
+        2 * tip.output,
+        2 * tip.output * half,
+        2 * tip.output * half * s,
+        np.einsum("mi,mj->ij", late / s, tip.given).real.copy(),
+        np.einsum("mi,mj->ij", late, tip.given).real.copy(),
+        np.ascontiguousarray(tip.flexibility, dtype=float),
+        bool(np.any(tip.flexibility)),
+    )
 
 
 def _entries(
