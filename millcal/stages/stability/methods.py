@@ -7,7 +7,7 @@ measured FRF and no model. time-domain cuts chip by chip, so that a tooth may le
 How deep the last three look is taken from what zoa says of the same structure, if nobody says it.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
 import numpy as np
 
@@ -26,13 +26,14 @@ from millcal.units import to_shop
 RATIOS = 41  # K_rc / K_tc at which the zero-order limit is solved exactly for the band
 FLOQUET_RATIOS = 13
 FRF_RATIOS = 5
-STRUCTURES = 1000  # draws of fitted modes, at most: of zoa
-FLOQUET_STRUCTURES = 200
+STRUCTURES = 1000  # draws of fitted modes, at most: of zoa, and of floquet where one mode moves,
+FLOQUET_STRUCTURES = 200  # where several do
 SKETCH = {"depths": 8, "tolerance": 1e-3, "depth_tolerance": 1e-6}  # of `boundary`, for draws that spread much wider
 BAND_SPEEDS = 120  # speeds of the band of the slower methods
 LOOKED = 200  # speeds at which zoa is asked how deep to look
 DEEPER = 1.25  # times the deepest pockets of zoa
-OVER_MINIMUM = 12.0  # times its lowest limit, at most: pockets deeper than that are for no cutter
+OVER_MINIMUM = 12.0  # times its lowest limit, at most,
+OVER_DIAMETER = 3.0  # and times the cutter's diameter: pockets deeper than that are for no cutter
 DISAGREE = 0.2  # share by which two methods may differ before it is told
 
 
@@ -59,7 +60,7 @@ def zoa(dynamics: Frf | Modes, asked: Asked) -> Method:
         depth = zero_order.limits_of_draws(
             sampling.speeds,
             list(tip.draws(sampling.rng, many)),
-            np.array([_mean_matrix(drawn) for drawn in _cuts(cut, sampling.draws, many)]),
+            np.array([_mean_matrix(cut.with_force(*force)) for force in _forces(cut, sampling.draws, many).tolist()]),
             cut.teeth,
             remainder=tip.remainder[0],
             remainder_power=tip.remainder[1].tolist(),
@@ -83,6 +84,7 @@ def zoa(dynamics: Frf | Modes, asked: Asked) -> Method:
 def floquet(dynamics: Frf | Modes, asked: Asked) -> Method:
     """Multipliers of the tooth period, from the poles of the tip."""
     from millcal.physics.stability import floquet as physics
+    from millcal.physics.stability import one_direction
 
     modes = _modes(dynamics, "floquet")
     first = zoa(modes, asked)
@@ -93,13 +95,21 @@ def floquet(dynamics: Frf | Modes, asked: Asked) -> Method:
         found = physics.boundary(speeds, poles.tip, cut, deepest=deepest, progress=progress)
         return Solution(found, edges_of(found, complete=True))
 
+    straight = asked.cut.equal_pitch and not asked.cut.wind and not asked.cut.indentation
+    one_mode = straight and one_direction.common_direction([poles.tip]) is not None
+
     def draw(sampling: Sampling) -> np.ndarray:
         assert poles.draws is not None
-        many = min(sampling.members, FLOQUET_STRUCTURES)
+        tips = list(poles.draws(sampling.rng, min(sampling.members, STRUCTURES if one_mode else FLOQUET_STRUCTURES)))
+        forces = _forces(asked.cut, sampling.draws, len(tips))
+        if straight and one_direction.common_direction(tips) is not None:
+            return one_direction.stable_edges(
+                sampling.speeds, tips, asked.cut, forces, deepest=deepest, progress=sampling.progress
+            )
         tables = []
-        cuts = _cuts(asked.cut, sampling.draws, many)
-        for i, (tip, cut) in enumerate(zip(poles.draws(sampling.rng, many), cuts, strict=True)):
-            sampling.progress(i / many)
+        for i, (tip, (ktc, krc)) in enumerate(zip(tips, forces, strict=True)):
+            sampling.progress(i / len(tips))
+            cut = asked.cut.with_force(float(ktc), float(krc))
             found = physics.boundary(sampling.speeds, tip, cut, deepest=deepest, **SKETCH)
             tables.append(edge_table(edges_of(found, complete=True), len(sampling.speeds)))
         return joined(tables)
@@ -114,8 +124,10 @@ def floquet(dynamics: Frf | Modes, asked: Asked) -> Method:
         refine=(2, 9),
         ratios=0 if asked.cut.wind or asked.cut.indentation else FLOQUET_RATIOS,
         draw=None if poles.draws is None else draw,
-        band_speeds=BAND_SPEEDS,
-        check=check,
+        band_speeds=None if one_mode else BAND_SPEEDS,
+        check=None
+        if asked.cut.wind
+        else check,  # a matrix that depends on the depth has no eigenvalues to go round with
         told=lambda speeds, solution: _against(first, asked.cut, speeds, solution, deepest, "floquet"),
         notices=(*_of_the_structure(first), *poles.notices, *notices, *_left_out_by_floquet(asked.cut)),
     )
@@ -208,11 +220,10 @@ def _mean_matrix(cut: Regeneration) -> np.ndarray:
     return zero_order.mean_cutting_matrix(cut.ktc, cut.krc, teeth=cut.teeth, entry=cut.entry, leave=cut.leave)
 
 
-def _cuts(cut: Regeneration, draws: np.ndarray | None, many: int) -> Iterable[Regeneration]:
-    """The cut with each draw of the coefficients."""
-    if draws is None:
-        return [cut] * many
-    return [cut.with_force(float(ktc), float(krc)) for ktc, krc in draws[np.arange(many) % len(draws)]]
+def _forces(cut: Regeneration, draws: np.ndarray | None, many: int) -> np.ndarray:
+    """K_tc and K_rc of as many draws, the mean's where they are exact.   returns (many, 2) N/m^2"""
+    known = np.array([[cut.ktc, cut.krc]]) if draws is None else draws
+    return known[np.arange(many) % len(known)]
 
 
 def _modes(dynamics: Frf | Modes, method: str) -> Modes:
@@ -231,13 +242,14 @@ def _look_to(first: Method, asked: Asked) -> tuple[float, list[Notice]]:
     found = first.solve(np.linspace(low, high, LOOKED), asked.cut, lambda share: None).edges.depth
     wanted = [1.5 * asked.least_depth]
     if len(found):
-        wanted.append(min(DEEPER * float(found.max()), OVER_MINIMUM * float(found.min())))
+        pockets = min(DEEPER * float(found.max()), OVER_MINIMUM * float(found.min()))
+        wanted.append(min(pockets, max(OVER_DIAMETER * 2 * asked.cut.radius, DEEPER * float(found.min()))))
     deepest = max(wanted)
     if not deepest > 0:
         raise IllPosedError(
             "stability.deepest_mm: the zero-order limit is nowhere, so nothing says how deep to look; give the depth"
         )
-    what = f"looked for limits down to {_mm(deepest)} mm, past the deepest pockets of the zero-order limit; deepest_mm sets it"
+    what = f"looked for limits down to {_mm(deepest)} mm, as far as pockets of the zero-order limit are of use; deepest_mm sets it"
     return deepest, [Notice("deepest", what, "stability.deepest_mm", "note")]
 
 
