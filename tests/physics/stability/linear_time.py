@@ -5,6 +5,7 @@ followed at once; after some periods they lie in the span of the slowest to deca
 """
 
 from bisect import bisect_right
+from itertools import pairwise
 
 import numpy as np
 from cutting_matrix import at_angle, delays, lags, real_form
@@ -20,8 +21,8 @@ def multipliers(
     cut: Regeneration,
     *,
     motions: int = 6,
-    periods: int = 12,
-    tolerance: float = 1e-10,
+    periods: int | None = None,
+    tolerance: float = 1e-9,
 ) -> np.ndarray:
     """As many multipliers as motions, largest first; the first is the good one. Of a tooth period or a revolution.
 
@@ -33,6 +34,7 @@ def multipliers(
     period = (2 * np.pi / cut.teeth if cut.equal_pitch else 2 * np.pi) / spindle_speed
     late = delays(cut) / spindle_speed
     breaks = _breaks(cut, depth, period * spindle_speed) / spindle_speed
+    periods = periods or (12 if cut.equal_pitch else 5)
     rng = np.random.default_rng(0)
     start = rng.normal(size=(2, 3, motions))
     fastest = np.abs(tip.pole).max()
@@ -43,7 +45,7 @@ def multipliers(
     begins, pieces = [], []
 
     def tip_at(t):
-        if t < 0:
+        if t < 0 or not pieces:
             return before(t)
         piece = pieces[min(bisect_right(begins, t), len(pieces)) - 1]
         return c @ piece(t).reshape(-1, motions)
@@ -51,7 +53,7 @@ def multipliers(
     def slope(t, flat, middle):
         x = flat.reshape(-1, motions)
         # the teeth in cut do not change inside a piece: at its very ends they are those of its middle
-        angle = np.array([np.clip(t, middle - reach, middle + reach) * spindle_speed])
+        angle = np.array([np.clip(t, middle - reach, middle + reach) * spindle_speed % (2 * np.pi)])
         cutting = at_angle(angle, depth, cut, cut.ktc, cut.krc)[0]
         force = -cutting.sum(axis=0) @ c @ x
         for matrix, lag in zip(cutting, late, strict=True):
@@ -67,7 +69,7 @@ def multipliers(
     snapshots = []
     for number in range(periods):
         edges = number * period + breaks
-        for first, last in zip(edges[:-1], edges[1:], strict=True):
+        for first, last in pairwise(edges):
             reach = (last - first) / 2 * (1 - 1e-9)
             solved = solve_ivp(
                 slope, (first, last), x, method="DOP853", dense_output=True, rtol=tolerance,

@@ -52,7 +52,10 @@ def multipliers(spindle_speed: float, depth: float, tip: TipModes, cut: Regenera
         end = sum(cutting[i, j] @ past[i + oldest - lag + 1] for j, lag in enumerate(behind))
         x = moved[i] @ x + of_start[i] @ start + of_slope[i] @ (end - start)
         past.append(c @ x)
-    found = np.linalg.eigvals(np.vstack([x, *past[-2 : -2 - oldest : -1]]))
+    matrix = np.vstack([x, *past[-2 : -2 - oldest : -1]])
+    while not (met := matrix.any(axis=0)).all():  # motions that no tooth meets decide nothing
+        matrix = matrix[np.ix_(met, met)]
+    found = np.linalg.eigvals(matrix)
     return found[np.argsort(-np.abs(found))]
 
 
