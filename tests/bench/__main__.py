@@ -17,6 +17,7 @@ from impact import impact
 from main_job import main_job
 from smoother import smoother
 from stability import stability
+from stability_draws import stability_draws
 from start import start
 from text_reader import text_reader
 from time_domain import time_domain
@@ -28,6 +29,7 @@ SECTIONS = {
     "Force and coefficients": force,
     "Impact tests": impact,
     "Stability map": stability,
+    "Stability of many draws": stability_draws,
     "Time domain": time_domain,
     "Trends": trends,
     "Smoother": smoother,
