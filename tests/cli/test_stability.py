@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from millcal.cli import main
-from millcal.cli.stability import METHODS, _round_points
+from millcal.cli.stability import _round_points
+from millcal.cli.stability_input import METHODS
 from millcal.data import Coefficients, Frf, Modes, Posterior, StabilityMap
 from millcal.io.results import read_result, write_result
 from millcal.physics.cutter import Cutter, CuttingConditions
@@ -122,6 +123,28 @@ def test_the_same_call_twice_writes_the_same_bytes(run, tmp_path):
         ([*COEFFICIENTS, "--setup", "setup.toml", "--method", "magic"], "there are: zoa"),
         ([*COEFFICIENTS, "--setup", "setup.toml", "--direction", "climb"], "up, down, slot"),
         ([*COEFFICIENTS, "--setup", "setup.toml", "--rpm", "9000", "4000"], "--rpm 9000 4000"),
+        ([*COEFFICIENTS, "--setup", "setup.toml", "--kte", "20"], "--kte and --kre go together"),
+        ([*COEFFICIENTS, "--setup", "setup.toml", "--method", "frf"], "frf needs a measured FRF"),
+        (
+            [*COEFFICIENTS, "--frf", "a.h5", "--setup", "cutter.toml", "--method", "floquet"],
+            "fit them with 'millcal modes",
+        ),
+        (
+            [*COEFFICIENTS, "--frf", "a.h5", "--setup", "cutter.toml", "--method", "frf", "--helix-deg", "30"],
+            "straight teeth",
+        ),
+        (
+            [*COEFFICIENTS, "--frf", "a.h5", "--setup", "cutter.toml", "--method", "frf", "--pitch-deg", "100,120,140"],
+            "one pitch",
+        ),
+        ([*COEFFICIENTS, "--frf", "a.h5", "--setup", "cutter.toml", "--simulate-points", "5", "5"], "needs modes"),
+        ([*COEFFICIENTS, "--setup", "setup.toml", "--process-damping", "5"], "zoa knows no process damping"),
+        ([*COEFFICIENTS, "--setup", "setup.toml", "--pitch-deg", "100,120"], "are not 3 angles"),
+        ([*COEFFICIENTS, "--setup", "setup.toml", "--pitch-deg", "even"], "no list such as"),
+        ([*COEFFICIENTS, "--setup", "setup.toml", "--deepest-mm", "0"], "0 is not above 0"),
+        ([*COEFFICIENTS, "--setup", "setup.toml", "--probability", "--members", "0"], "needs draws"),
+        ([*COEFFICIENTS, "--setup", "setup.toml", "--figure", "map.gif"], "does not say its format"),
+        ([*COEFFICIENTS, "--setup", "setup.toml", "--csv", "map.h5"], "would be written over"),
     ],
 )
 def test_a_call_that_cannot_be_meant_is_one_line_and_exit_code_2(run, tmp_path, arguments, words):
@@ -140,6 +163,8 @@ def test_a_call_that_cannot_be_meant_is_one_line_and_exit_code_2(run, tmp_path, 
         (["--setup", "nowhere.toml"], "nowhere.toml"),
         (["--setup", "cutter.toml", "--modes", "nowhere.h5"], "nowhere.h5"),
         (["--setup", "cutter.toml", "--frf", "setup.toml"], "setup.toml"),
+        (["--setup", "setup.toml", "--tests", "nowhere.csv"], "nowhere.csv"),
+        (["--setup", "setup.toml", "--tests", "cutter.toml"], "no column rpm"),
     ],
 )
 def test_files_that_cannot_be_used_are_one_line_and_exit_code_3(run, tmp_path, arguments, words):
@@ -214,6 +239,192 @@ def test_a_file_of_coefficients_brings_cutter_conditions_and_a_band(run, tmp_pat
     assert low < 1.0954 < high
     assert [result["limit"][i]["rpm"] for i in (0, -1)] == pytest.approx([2000, 16_000])
     assert "does not fit: drift" in err
+
+
+FLOQUET = [*COEFFICIENTS, "--setup", "setup.toml", "--method", "floquet", "--rpm", "6000", "12000", "--points", "31"]
+
+
+def test_floquet_gives_the_converged_limits_of_the_same_machine_in_json(run):
+    """Reference values of the first crossings, to their last digit; zero order says 1.9457, 1.0954, 1.3396 and 4.0335 mm."""
+    code, out, _ = run(*FLOQUET, "-o", "map.h5", "--json")
+    assert code == 0
+    limits = {round(row["rpm"]): row["crossings"][0] for row in json.loads(out)["result"]["limit"]}
+    for rpm, ap in {6000: 2.02847, 8000: 1.09823, 10000: 1.36498, 12000: 4.29113}.items():
+        assert limits[rpm]["ap_mm"] == pytest.approx(ap, abs=1e-4)
+        assert limits[rpm]["kind"] == "hopf"
+        assert limits[rpm]["loses"] is True
+        assert limits[rpm]["chatter_hz"] > 600
+
+
+LOW = ["--radial-depth-mm", "1", "--direction", "down", "--teeth", "2"]
+
+
+def test_at_low_immersion_floquet_finds_flips_at_odd_multiples_of_half_the_tooth_passing(run, tmp_path):
+    code, out, _ = run(*FLOQUET, *LOW, "--deepest-mm", "40", "-o", "map.h5", "--json")
+    rows = json.loads(out)["result"]["limit"]
+    flips = [(row["rpm"], c) for row in rows for c in row["crossings"] if c["kind"] == "flip"]
+    assert code == 0
+    assert flips
+    for rpm, crossing in flips:
+        halves = crossing["chatter_hz"] / (rpm * 2 / 60 / 2)
+        assert halves == pytest.approx(round(halves), abs=1e-6)
+        assert round(halves) % 2 == 1
+        assert crossing["lobe"] == (round(halves) - 1) / 2
+
+
+def test_edge_forces_give_torque_and_power_and_their_ratio_is_the_speed(run):
+    code, out, _ = run(*FLOQUET, "--kte", "20", "--kre", "15", "-o", "map.h5", "--json")
+    best = json.loads(out)["result"]["best"][0]
+    assert code == 0
+    assert best["power_W"] == pytest.approx(best["torque_Nm"] * best["rpm"] * RPM)
+    specific = best["power_W"] / (best["mrr_cm3_per_min"] * 1e-6 / 60)  # J/m^3: above Ktc by the rubbing of the edge
+    assert 600e6 < specific < 2 * 600e6
+
+
+def test_without_edge_forces_torque_and_power_are_not_known(run):
+    _, out, _ = run(*FLOQUET, "-o", "map.h5", "--json")
+    assert {best["power_W"] for best in json.loads(out)["result"]["best"]} == {None}
+
+
+def test_a_cut_beyond_the_limit_is_told_with_what_would_mend_it(run):
+    code, out, _ = run(*FLOQUET, "--operating", "8000", "1.5", "-o", "map.h5", "--json")
+    point = json.loads(out)["result"]["operating_point"]
+    assert code == 0  # a verdict is no failure
+    assert (point["stable"], point["kind"]) == (False, "hopf")
+    assert point["limit_ap_mm"] == pytest.approx(1.09823, abs=1e-4)
+    assert point["advice"]
+    _, out, _ = run(*FLOQUET, "--operating", "8000", "1.5", "-o", "map.h5")
+    assert "chatters by hopf" in out
+    assert f"  - {point['advice'][0]}" in out
+
+
+LOG = """rpm,axial_depth_mm,radial_depth_mm,feed_per_tooth_mm,stable
+8000,0.9,10,0.1,1
+8000,1.3,10,0.1,0
+9000,0.5,10,0.1,0
+8000,3,2,0.1,1
+"""
+
+
+def test_a_log_of_test_cuts_is_held_against_the_map(run, tmp_path):
+    (tmp_path / "cuts.csv").write_text(LOG)
+    code, out, err = run(*FLOQUET, "--tests", "cuts.csv", "-o", "map.h5", "--json")
+    told = json.loads(out)["result"]["tests"]
+    assert code == 0
+    assert (told["on_map"], told["as_mapped"]) == (3, 2)
+    assert "another radial depth" in err
+    assert read_result(tmp_path / "map.h5", StabilityMap).tests.axial_depth == pytest.approx([0.9e-3, 1.3e-3, 0.5e-3])
+    assert "cuts.csv" in {Path(name).name for name in json.loads(out)["inputs"]}
+
+
+def test_methods_side_by_side_where_four_teeth_cut_all_the_way_agree(run, tmp_path):
+    """The mean is all there is of four teeth in a slot, so zero order and Floquet are one."""
+    slot = ["--direction", "slot", "--teeth", "4", "--rpm", "6000", "9000", "--points", "7"]
+    arguments = [*COEFFICIENTS, "--setup", "setup.toml", *slot, "--method", "floquet", "--compare"]
+    code, out, err = run(*arguments, "-o", "map.h5", "--json")
+    told = json.loads(out)["result"]["compared"]
+    assert code == 0
+    assert set(told["methods"]) == {"floquet", "zoa", "time-domain"}
+    assert told["methods"][0] == told["against"] == "floquet"
+    differences = {entry["method"]: entry for entry in told["difference"]}
+    assert differences["zoa"]["median"] < 1e-4
+    assert differences["zoa"]["beyond"] == 0
+    assert differences["time-domain"]["median"] < 0.05
+    _, out, _ = run(*arguments, "-o", "map.h5")
+    assert "methods side by side" in out
+    assert "not-compared" not in err  # that there is no FRF to take is a note
+
+
+def test_an_frf_and_its_modes_may_stand_side_by_side_alone(run):
+    code, _, err = run(*COEFFICIENTS, "--frf", "a.h5", "--modes", "b.h5", "--setup", "cutter.toml", "-o", "map.h5")
+    assert code == 2
+    code, _, err = run(
+        *COEFFICIENTS, "--frf", "a.h5", "--modes", "b.h5", "--setup", "cutter.toml", "--compare", "-o", "map.h5"
+    )
+    assert code == 3  # it would, if the files were there
+    assert "a.h5" in err
+
+
+def test_table_and_figure_are_written_beside_the_map(run, tmp_path):
+    code, out, _ = run(*FLOQUET, "--csv", "lobes.csv", "--figure", "map.svg", "-o", "map.h5")
+    assert code == 0
+    lines = (tmp_path / "lobes.csv").read_text().splitlines()
+    assert lines[0].startswith("rpm,limit_mm,crossing,ap_mm,kind,chatter_hz,lobe,loses")
+    assert len({line.split(",")[0] for line in lines[1:]}) == 31
+    assert (tmp_path / "map.svg").read_text().lstrip().startswith("<?xml")
+    assert "csv: lobes.csv" in out
+    assert "figure: map.svg" in out
+
+
+def test_a_helix_of_the_setup_is_the_maps_and_an_option_goes_before_it(run, tmp_path):
+    """Over one axial pitch of the helix the teeth cut evenly, so that no speed is as the straight cutter's."""
+    turned = (SETUP + STRUCTURE).replace("teeth = 3\n", "teeth = 3\nhelix_deg = 40\n")
+    (tmp_path / "helix.toml").write_text(turned)
+    limits = {}
+    for name, more in {"setup": [], "helix": [], "option": ["--helix-deg", "40"], "none": ["--helix-deg", "0"]}.items():
+        file = {"option": "setup", "none": "helix"}.get(name, name)
+        arguments = [*FLOQUET[:4], "--setup", f"{file}.toml", *FLOQUET[6:-1], "7", *more]
+        assert run(*arguments, "-o", "map.h5")[0] == 0
+        limits[name] = read_result(tmp_path / "map.h5", StabilityMap).limit_depth
+    np.testing.assert_allclose(limits["option"], limits["helix"])
+    np.testing.assert_allclose(limits["none"], limits["setup"])
+    assert np.all(np.abs(limits["helix"] / limits["setup"] - 1) > 1e-4)
+
+
+def test_teeth_of_unequal_pitch_are_not_counted_anew_without_their_angles(run, tmp_path):
+    (tmp_path / "uneven.toml").write_text(
+        (SETUP + STRUCTURE).replace("teeth = 3\n", "teeth = 3\npitch_deg = [100, 120, 140]\n")
+    )
+    arguments = [*COEFFICIENTS, "--setup", "uneven.toml", "--teeth", "2", "-o", "map.h5"]
+    code, _, err = run(*arguments)
+    assert code == 2
+    assert "--pitch-deg" in err
+    assert run(*arguments, "--pitch-deg", "170,190")[0] == 0
+
+
+def test_a_probability_map_falls_with_depth_at_every_speed_where_nothing_comes_back(run, tmp_path):
+    write_result(tmp_path / "c.h5", coefficients_record(), provenance={})
+    (tmp_path / "modes.toml").write_text(STRUCTURE)
+    arguments = [
+        "--coefficients",
+        "c.h5",
+        "--setup",
+        "modes.toml",
+        "--probability",
+        "--samples",
+        "300",
+        "--points",
+        "20",
+    ]
+    code, out, _ = run(*arguments, "-o", "map.h5", "--json")
+    told = json.loads(out)["result"]["probability"]
+    assert code == 0
+    share = np.array(told["p_stable"])
+    assert share.shape == (len(told["ap_mm"]), len(told["rpm"]))
+    assert np.all(np.diff(share, axis=0) <= 1e-12)
+    assert share.min() >= 0
+    assert share.max() <= 1
+
+
+def test_simulated_points_stand_over_a_map_of_another_method(run):
+    arguments = [
+        *COEFFICIENTS,
+        "--setup",
+        "setup.toml",
+        "--rpm",
+        "7000",
+        "9000",
+        "--points",
+        "20",
+        "--simulate-points",
+        "2",
+        "3",
+    ]
+    code, out, _ = run(*arguments, "-o", "map.h5", "--json")
+    told = json.loads(out)["result"]["simulated"]
+    assert code == 0
+    assert len(told["cuts"]) == 6
+    assert told["stable"] + told["period_n"] + told["chatter"] == 6
 
 
 CASE = Path(os.environ.get("MILLCAL_REFERENCE_DATA", "")) / "cases" / "frf" / "04_B_med"
