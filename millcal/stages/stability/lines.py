@@ -26,8 +26,11 @@ from millcal.stages.stability.tip import (
 COARSE = 0.005  # share of the resonance by which the curve between lines may be off before it is told
 
 
-def tip_of_lines(frf: Frf, teeth: int, rigid: str) -> Tip:
-    """The zero-order method on the lines of an FRF; `rigid` names axes that may be missing."""
+def usable_lines(frf: Frf, rigid: str) -> tuple[Lines, list[Notice]]:
+    """The receptance at the tip on the lines that a limit may stand on, and what is to be said of them.
+
+    rigid : axes that may be missing
+    """
     point, places = driving_points(frf.outputs, frf.inputs, "frf")
     notices = missing_axes(set(places), rigid, f"frf {point}")
     notices += _of_the_record(frf, f"frf {point}")
@@ -48,6 +51,12 @@ def tip_of_lines(frf: Frf, teeth: int, rigid: str) -> Tip:
         )
     notices += [*lines.notices, *absorbs_power(lines, places, "frf", point)]
     notices += _too_coarse(lines, places, point)
+    return lines, notices
+
+
+def tip_of_lines(frf: Frf, teeth: int, rigid: str) -> Tip:
+    """The zero-order method on the lines of an FRF; `rigid` names axes that may be missing."""
+    lines, notices = usable_lines(frf, rigid)
     tip = zero_order.dynamics_of_lines(lines.frequency, lines.values)
     spacing = float(np.median(np.diff(lines.frequency)))
     above = tip_receptance(frf, (lines.frequency[0], np.inf))
