@@ -1,0 +1,160 @@
+"""Crossings straight from a measured FRF, with what its noise makes of them and what its band leaves open.
+
+The noise of the lines goes to first order through every crossing that may be the limit; as the limit is the lowest of them,
+so are the ends of its band the lowest of theirs. What no first order sees is a crossing that the noise alone makes or
+unmakes, at the foot of a narrow tongue: `moved_by_noise` looks for that with noise added anew at a few speeds.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from millcal.data import Frf, Notice
+from millcal.physics.stability.frf_spread import inverse_depth_sd
+from millcal.physics.stability.from_frf import (
+    CutBasis,
+    MeasuredCut,
+    crossings_at,
+    measured_cut,
+    one_behind_the_other,
+)
+from millcal.physics.stability.regeneration import Crossings, Regeneration
+from millcal.stages.stability.lines import usable_lines
+from millcal.stages.stability.tip import Lines
+
+NINETY_FIVE = 1.96  # standard deviations on either side
+WEAK = 0.1  # share of the highest resonance from which a mode is counted
+SHORT_BAND = 2.0  # times the highest mode: a shorter band leaves the tips of narrow tongues a percent off
+LATE_START = 0.5  # share of the lowest mode at which the lines may begin
+DRAWS, SPEEDS = 6, 8  # with noise added
+JUMP = 4.0  # standard deviations of 1/b
+
+
+def crossings_of_frf(
+    dynamics: Frf,
+    speeds: np.ndarray,
+    cut: Regeneration,
+    *,
+    deepest: float,
+    rigid: str = "",
+    progress: Callable[[float], None] | None = None,
+) -> tuple[Crossings, np.ndarray | None, np.ndarray | None, tuple[Notice, ...]]:
+    """Crossings of each speed, the ends of the 95 % band of the first limit where the FRF has a variance, and notices.
+
+    speeds : (speed,) rad/s   deepest : m   rigid : axes that may be missing
+    returns Crossings, (speed,) m or None twice (inf where nothing is found), notices
+
+    Raises IllPosedError where the lines are no receptance to stand on, or a tooth cuts through too many waves.
+    """
+    lines, notices = usable_lines(dynamics, rigid)
+    problem = _problem(lines, cut, deepest)
+    notices = [*notices, *_of_the_band(lines)]
+    parts: list[Crossings] = []
+    low, high = np.full(len(speeds), np.inf), np.full(len(speeds), np.inf)
+    for those, basis in problem.bases(np.asarray(speeds, float)):
+        for i in those.tolist():
+            if progress is not None:
+                progress(len(parts) / len(speeds))
+            found, angle = crossings_at(problem, float(speeds[i]), basis, i)
+            parts.append(found)
+            if lines.variance is not None:
+                low[i], high[i] = _ends(problem, float(speeds[i]), basis, found, angle, lines.variance)
+    crossings = one_behind_the_other(parts)
+    if lines.variance is None:
+        return crossings, None, None, tuple(notices)
+    return crossings, low, high, tuple(notices)
+
+
+def moved_by_noise(
+    dynamics: Frf,
+    speeds: np.ndarray,
+    cut: Regeneration,
+    *,
+    deepest: float,
+    rng: np.random.Generator,
+    rigid: str = "",
+) -> tuple[Notice, ...]:
+    """Whether limits of the lines with their noise added once more leave the band, as a crossing that comes or goes does.
+
+    speeds : (speed,) rad/s, a few of which are tried   deepest : m
+    """
+    lines, _ = usable_lines(dynamics, rigid)
+    if lines.variance is None:
+        return ()
+    tried = np.asarray(speeds, float)[np.unique(np.linspace(0, len(speeds) - 1, SPEEDS).astype(int))]
+    _, low, high, _ = crossings_of_frf(dynamics, tried, cut, deepest=deepest, rigid=rigid)
+    assert low is not None
+    assert high is not None
+    bounds = 1 / np.stack([low, high])
+    middle, sd = bounds.mean(axis=0), (bounds[0] - bounds[1]) / (2 * NINETY_FIVE)
+    outside = np.zeros(len(tried), int)
+    for _ in range(DRAWS):
+        noise = rng.standard_normal((2, *lines.values.shape)) * np.sqrt(lines.variance / 2)
+        problem = _problem(lines._replace(values=lines.values + noise[0] + 1j * noise[1]), cut, deepest)
+        for those, basis in problem.bases(tried):
+            for i in those.tolist():
+                first = crossings_at(problem, float(tried[i]), basis, 0)[0].first(1).depth[0]
+                outside[i] += abs(1 / first - middle[i]) > JUMP * sd[i] + 0.02 * middle[i]
+    if not outside.any():
+        return ()
+    what = (
+        f"the noise of the FRF makes or unmakes a limit at {np.count_nonzero(outside)} of {len(tried)} speeds tried, more than "
+        "its band says; fit modes (millcal modes) or average more hits"
+    )
+    return (Notice("noise-moves-limits", what, "frf"),)
+
+
+def _problem(lines: Lines, cut: Regeneration, deepest: float) -> MeasuredCut:
+    return measured_cut(lines.frequency, lines.values, cut, deepest=deepest)
+
+
+def _ends(
+    problem: MeasuredCut,
+    speed: float,
+    basis: CutBasis,
+    found: Crossings,
+    angle: np.ndarray,
+    variance: np.ndarray,
+) -> tuple[float, float]:
+    """Ends of the band of the first limit of one speed, m."""
+    low = high = np.inf
+    for i in np.argsort(found.depth, kind="stable"):
+        if not found.loses[i]:
+            continue
+        if found.depth[i] > min(
+            2 * low, problem.deepest
+        ):  # far above what is lowest: no noise that a band can tell brings it down
+            break
+        inverse = 1 / found.depth[i]
+        spread = NINETY_FIVE * inverse_depth_sd(problem, speed, basis, float(angle[i]), float(found.depth[i]), variance)
+        low = min(low, 1 / (inverse + spread))
+        high = min(high, 1 / (inverse - spread) if inverse > spread else np.inf)
+    return low, high
+
+
+def _of_the_band(lines: Lines) -> list[Notice]:
+    """What a band that ends too early, or begins too late, leaves open."""
+    frequency = lines.frequency
+    absorbed = -frequency[:, np.newaxis] * np.einsum("fii->fi", lines.values).imag  # in proportion to the mobility
+    peaks = []
+    for power in absorbed.T:
+        inner = power[1:-1]
+        top = (inner > power[:-2]) & (inner >= power[2:]) & (inner > WEAK * np.abs(absorbed).max())
+        peaks += frequency[1:-1][top].tolist()
+    if not peaks:
+        what = "no resonance stands in the usable band; limits count what little the lines know"
+        return [Notice("no-resonance", what, "frf")]
+    notices = []
+    if frequency[-1] < SHORT_BAND * max(peaks):
+        what = (
+            f"the usable band ends at {frequency[-1]:.0f} Hz, less than {SHORT_BAND:g} times the resonance at {max(peaks):.0f} Hz: "
+            "above it the tip is taken as a mass, and tips of narrow tongues may be off by percents; hit with a harder tip"
+        )
+        notices.append(Notice("short-band", what, "frf"))
+    if frequency[0] > LATE_START * min(peaks):
+        what = (
+            f"the lines begin at {frequency[0]:.0f} Hz, near the resonance at {min(peaks):.0f} Hz: below them its value there "
+            "stands for the static one"
+        )
+        notices.append(Notice("late-start", what, "frf"))
+    return notices
