@@ -9,16 +9,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from millcal.data import CutTests, Frf, Modes, Notice, OperatingPoint, Posterior, SimulatedCuts, StabilityMap
+from millcal.data import CutTests, Frf, Modes, Notice, OperatingPoint, Posterior, StabilityMap
 from millcal.errors import IllPosedError
 from millcal.physics.cutter import Cutter, CuttingConditions, engagement
 from millcal.physics.mean_torque import mean_torque
 from millcal.physics.stability.regeneration import Crossings, Regeneration
-from millcal.physics.stability.stable_depths import edge_table, is_stable
+from millcal.physics.stability.stable_depths import edge_table
 from millcal.stages.stability.coefficients import cutting_draws, edge_force, tangential_law
+from millcal.stages.stability.cuts import held_against, simulated_over
 from millcal.stages.stability.method import Asked, Method, Sampling
 from millcal.stages.stability.methods import DEEPER, METHODS, OVER_MINIMUM
-from millcal.stages.stability.modes import poles_of_modes
 from millcal.stages.stability.operating import SAFE, Columns, judged
 from millcal.stages.stability.pockets import best_speeds, pockets
 from millcal.stages.stability.spread import Spread, band_speeds, spread_of
@@ -150,7 +150,9 @@ def map_stability(
     band = None if spread is None else spread.band(everywhere)
     if band is not None and chosen.band_speeds is not None:  # between its speeds a corner of the limit may stick out
         band = np.array([np.minimum(band[0], both[:, 0]), np.maximum(band[1], both[:, 0])])
-    runnable = SAFE * np.minimum(table[:, 0], chosen.deepest) if band is None else band[0, :points]
+    limits = both[:, 0]
+    picture = _picture(limits, chosen.deepest, asked)
+    runnable = np.minimum(SAFE * limits[:points] if band is None else band[0, :points], picture)
 
     width = None if feed_per_tooth is None else radial_depth * feed_per_tooth * teeth / (2 * np.pi)
     best = best_speeds(
@@ -163,22 +165,21 @@ def map_stability(
     )
     operating = None
     if operating_point is not None:
-        columns = Columns(speeds, table, runnable, edges_at if chosen.refine[0] else None)
+        columns = Columns(speeds, table, runnable, picture, edges_at if chosen.refine[0] else None)
         own = _of_one(beside, len(extra) - 1)
         operating = _operating(chosen, cut, operating_point, own, columns, best, spread, cutter)
     first = solution.edges.first(points)
-    limits = np.concatenate([table[:, 0], beside_table[:, 0]])
     minimum = _minimum(chosen, cut, limits, np.concatenate([first.frequency, beside.first(len(extra)).frequency]))
-    probabilities = _probabilities(spread, speeds, probability, _picture(limits, chosen.deepest, asked))
+    probabilities = _probabilities(spread, speeds, probability, picture)
     if probability and probabilities is None:
         what = "nothing is known to be uncertain, so there is no probability to map"
         notices.append(Notice("no-probability", what, "stability.probability"))
     if tests is not None:
-        notices += _held_against(tests, speeds, chosen, cut)
+        notices += held_against(tests, speeds, chosen, cut)
     simulated = solution.simulated
     if simulate is not None:
-        simulated, told = _simulated(
-            dynamics, asked, speeds, simulate, _picture(limits, chosen.deepest, asked), progress
+        simulated, told = simulated_over(
+            dynamics, asked, speeds, simulate, picture, lambda share: progress(0.92 + 0.08 * share, "cuts")
         )
         notices += told
     progress(1.0, "limit")
@@ -320,62 +321,6 @@ def _probabilities(
     many = DEPTHS if wanted is True else int(wanted)
     depth = deepest * np.arange(1, many + 1) / many
     return depth, spread.share(depth, speeds)
-
-
-def _held_against(tests: CutTests, speeds: np.ndarray, chosen: Method, cut: Regeneration) -> list[Notice]:
-    """Which cuts went as the map says."""
-    if not len(tests.stable):
-        return []
-    at = tests.spindle_speed
-    if not chosen.refine[0]:  # a method too dear for speeds of their own
-        at = speeds[np.argmin(np.abs(speeds - at[:, np.newaxis]), axis=1)]
-    own, where = np.unique(at, return_inverse=True)
-    table = edge_table(chosen.solve(own, cut, lambda share: None).edges, len(own))[where]
-    wrong = np.flatnonzero(is_stable(table, tests.axial_depth) != tests.stable.astype(bool))
-    what = f"{len(at) - len(wrong)} of {len(at)} test cuts went as the map says"
-    if not len(wrong):
-        return [Notice("tests", what, tests.name, "note")]
-    cuts = [
-        f"{to_shop(tests.spindle_speed[i], 'x_rpm'):.0f} rpm {to_shop(tests.axial_depth[i], 'x_mm'):.3g} mm "
-        f"{'was stable' if tests.stable[i] else 'chattered'}"
-        for i in wrong[:3]
-    ]
-    more = f" and {len(wrong) - 3} more" if len(wrong) > 3 else ""
-    return [Notice("tests", f"{what}; not {', '.join(cuts)}{more}", tests.name)]
-
-
-def _simulated(
-    dynamics: Frf | Modes,
-    asked: Asked,
-    speeds: np.ndarray,
-    grid: tuple[int, int],
-    deepest: float,
-    progress: Callable[[float, str], None],
-) -> tuple[SimulatedCuts | None, list[Notice]]:
-    """Cuts of the time domain on a grid over the map."""
-    from millcal.stages.stability.time_domain import simulated_cuts
-
-    if not isinstance(dynamics, Modes):
-        raise IllPosedError("stability.simulate: the time domain needs modes; fit them first (millcal modes)")
-    if asked.feed_per_tooth is None:
-        raise IllPosedError("stability.feed_per_tooth_mm: the time domain cuts chips, so it needs the feed; give it")
-    kte, kre = asked.edge or (0.0, 0.0)
-    many, deep = grid
-    speed, depth = np.meshgrid(
-        np.linspace(speeds[0], speeds[-1], many), deepest * np.arange(1, deep + 1) / deep, indexing="ij"
-    )
-    found, notices = simulated_cuts(
-        poles_of_modes(dynamics).tip,
-        asked.cut,
-        speed.ravel(),
-        depth.ravel(),
-        feed_per_tooth=asked.feed_per_tooth,
-        kte=kte,
-        kre=kre,
-        runout=asked.runout,
-        progress=lambda share: progress(0.92 + 0.08 * share, "cuts"),
-    )
-    return found, list(notices)
 
 
 def _once(notices: list[Notice]) -> tuple[Notice, ...]:

@@ -52,17 +52,15 @@ class Sampling(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Method:
-    """A method on a structure.
-
-    Depths go with 1 / K where `scales`: then the draws of coefficients need no more than a few ratios K_rc / K_tc.
-    """
+    """A method on a structure."""
 
     name: str
     solve: Callable[[np.ndarray, Regeneration, Progress], Solution]  # spindle speed (speed,) rad/s
     deepest: float  # m: how deep it looks
     minimum: Callable[[Regeneration], tuple[float, float]] | None = None  # over every speed: depth m, frequency Hz
     refine: tuple[int, int] = (3, 21)  # rounds, and speeds in each, with which a pocket is looked at again
-    ratios: int = 0  # K_rc / K_tc at which draws of coefficients are solved; 0: every draw by itself
+    ratios: int = 2  # K_rc / K_tc at which draws of coefficients are solved,
+    strengths: int = 1  # and K_tc; 1: depths go with 1 / K
     draw: Callable[[Sampling], np.ndarray] | None = None  # structures as they may be: edges (member, speed, edge) m
     band_speeds: int | None = None  # speeds of the band; None: all
     check: Callable[[np.ndarray, Regeneration], Crossings] | None = None  # edges at a few speeds, found another way

@@ -27,9 +27,12 @@ RATIOS = 41  # K_rc / K_tc at which the zero-order limit is solved exactly for t
 FLOQUET_RATIOS = 13
 FRF_RATIOS = 5
 STRUCTURES = 1000  # draws of fitted modes, at most: of zoa, and of floquet where one mode moves,
-FLOQUET_STRUCTURES = 200  # where several do
+FLOQUET_STRUCTURES = 200  # where several do,
+SLOW_STRUCTURES = 60  # and with a helix or unequal pitch
 SKETCH = {"depths": 8, "tolerance": 1e-3, "depth_tolerance": 1e-6}  # of `boundary`, for draws that spread much wider
-BAND_SPEEDS = 120  # speeds of the band of the slower methods
+BAND_SPEEDS = 120  # speeds of the band of the slower methods,
+DRAWN_SPEEDS = 80  # where every draw is another structure,
+SLOW_SPEEDS = 40  # and with a helix or unequal pitch
 LOOKED = 200  # speeds at which zoa is asked how deep to look
 DEEPER = 1.25  # times the deepest pockets of zoa
 OVER_MINIMUM = 12.0  # times its lowest limit, at most,
@@ -98,9 +101,13 @@ def floquet(dynamics: Frf | Modes, asked: Asked) -> Method:
     straight = asked.cut.equal_pitch and not asked.cut.wind and not asked.cut.indentation
     one_mode = straight and one_direction.common_direction([poles.tip]) is not None
 
+    slow = bool(asked.cut.wind) or not asked.cut.equal_pitch  # tens of milliseconds a speed
+    many = STRUCTURES if one_mode else SLOW_STRUCTURES if slow else FLOQUET_STRUCTURES
+    many_speeds = SLOW_SPEEDS if slow else BAND_SPEEDS if poles.draws is None else DRAWN_SPEEDS
+
     def draw(sampling: Sampling) -> np.ndarray:
         assert poles.draws is not None
-        tips = list(poles.draws(sampling.rng, min(sampling.members, STRUCTURES if one_mode else FLOQUET_STRUCTURES)))
+        tips = list(poles.draws(sampling.rng, min(sampling.members, many)))
         forces = _forces(asked.cut, sampling.draws, len(tips))
         if straight and one_direction.common_direction(tips) is not None:
             return one_direction.stable_edges(
@@ -121,10 +128,11 @@ def floquet(dynamics: Frf | Modes, asked: Asked) -> Method:
         name="floquet",
         solve=solve,
         deepest=deepest,
-        refine=(2, 9),
-        ratios=0 if asked.cut.wind or asked.cut.indentation else FLOQUET_RATIOS,
+        refine=(1, 7) if slow else (2, 9),
+        ratios=3 if slow else FLOQUET_RATIOS,
+        strengths=3 if asked.cut.wind or asked.cut.indentation else 1,
         draw=None if poles.draws is None else draw,
-        band_speeds=None if one_mode else BAND_SPEEDS,
+        band_speeds=None if one_mode else many_speeds,
         check=None
         if asked.cut.wind
         else check,  # a matrix that depends on the depth has no eigenvalues to go round with

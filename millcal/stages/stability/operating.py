@@ -28,6 +28,7 @@ class Columns:
     speed: np.ndarray  # (speed,) rad/s, ascending
     edges: np.ndarray  # of the stable set, (speed, edge) m
     runnable: np.ndarray  # depth that is safe below the first limit, (speed,) m
+    deepest: float  # m: nothing deeper is advised
     solve: (
         Callable[[np.ndarray], np.ndarray] | None
     )  # speeds (n,) -> edges (n, edge): for what lies between; None: too dear
@@ -67,7 +68,12 @@ def judged(
         limit_interval=None if band is None else (low, max(float(band[1]), limit)),
         p_stable=p_stable,
         speed_margin=_margin(point, columns) if stable else None,
-        advice=tuple(_advice(point, stable, kind, low, limit, columns, best, spread, others)),
+        advice=tuple(
+            [
+                *_island(point, crossings, stable),
+                *_advice(point, stable, kind, min(low, columns.deepest), columns, best, spread, others),
+            ]
+        ),
     )
 
 
@@ -97,12 +103,21 @@ def _last_stable(good: float, bad: float, depth: float, columns: Columns) -> flo
     return float(([good, *between])[first[0] if len(first) else len(between)])
 
 
+def _island(point: tuple[float, float], crossings: Crossings, stable: bool) -> list[str]:
+    """That a stable depth lies above chatter, with the depths between."""
+    below = crossings.depth[crossings.depth <= point[1]]
+    if not stable or not len(below):
+        return []
+    return [
+        f"stable, but on an island: at this speed {_mm(below[-2])} to {_mm(below[-1])} mm chatter, on the way in and out too"
+    ]
+
+
 def _advice(
     point: tuple[float, float],
     stable: bool,
     kind: str,
     safe: float,
-    limit: float,
     columns: Columns,
     best: tuple[BestSpeed, ...],
     spread: Spread | None,
@@ -118,13 +133,13 @@ def _advice(
                 verb = "raise" if to > speed else "lower"
                 what = f"{verb} the speed to {_rpm(to)} ({to / speed - 1:+.1%}): there {_mm(runnable)} mm are {surely}"
                 found.append((to / speed, what))
-        if 0 < safe < depth and np.isfinite(safe):
+        if 0 < safe < depth:
             found.append((safe / depth, f"reduce the depth to {_mm(safe)} mm ({surely})"))
         if kind == "flip" and others is not None:
             for what, reached in others():
                 if SAFE * reached > depth:
                     found.append((0.0, f"{what}: limit {_limit(reached)} mm at this speed"))
-    elif np.isfinite(safe) and safe > WORTH * depth:
+    elif safe > WORTH * depth:
         found.append((safe / depth, f"there is room: {_mm(safe)} mm are {surely} at this speed"))
     pocket = best[0] if best else None
     if pocket is not None:

@@ -7,7 +7,8 @@ the whole curve at once.
 Coefficients. Without helix and process damping the depths are f(K_rc / K_tc) / K_tc: K_tc only scales them and edge
 coefficients do not enter. So f is solved exactly at a few dozen ratios across the draws and each draw is an interpolation
 between two of them (of 1/f, where a change of lobe is a convex corner: interpolating errs to the safe side). Where two
-ratios differ in how many edges there are, the nearer one counts.
+ratios differ in how many edges there are, the nearer one counts. With helix or process damping f depends on K_tc a little,
+and a few values of that are solved as well.
 
 FRF. Drawing noisy lines would add the noise a second time to lines that carry it already, and the lowest of several noisy
 crossings is biased low. So the variance goes through the eigenvalue at the limiting frequency to first order, centred on the
@@ -65,10 +66,8 @@ def spread_of(
         return None
     if sampling.draws is None:
         edges = np.broadcast_to(nominal, (sampling.members, *nominal.shape))
-    elif method.ratios:
-        edges = _by_ratio(method, cut, sampling)
     else:
-        edges = _one_by_one(method, cut, sampling)
+        edges = _by_nodes(method, cut, sampling)
     if noise is not None:
         first = 1 / edges[:, :, :1]
         moved = first + (sampling.rng.standard_normal((len(edges), 1)) * noise)[:, :, np.newaxis]
@@ -77,47 +76,65 @@ def spread_of(
     return Spread(sampling.speeds, edges)
 
 
-def _by_ratio(method: Method, cut: Regeneration, sampling: Sampling) -> np.ndarray:
-    """Edges of every draw of the coefficients, by way of their ratio.   returns (member, speed, edge) m"""
+def _by_nodes(method: Method, cut: Regeneration, sampling: Sampling) -> np.ndarray:
+    """Edges of every draw of the coefficients, by way of a few of them.   returns (member, speed, edge) m"""
     draws = sampling.draws
-    ratio = draws[:, 1] / draws[:, 0]
-    # Quantiles, so that a far draw of few cuts' long tails does not stretch the grid; closer at the ends, where the band is.
-    nodes = np.unique(np.quantile(ratio, (1 - np.cos(np.linspace(0, np.pi, method.ratios))) / 2))
-    # With the strongest force, whose edges stand highest: what a method sees above its deepest is then enough for every draw.
-    strongest = float(np.quantile(draws[:, 0], 0.99))
-    share = 0.0
+    assert draws is not None
+    ratio, strength = draws[:, 1] / draws[:, 0], draws[:, 0]
+    ratios = _nodes(ratio, method.ratios)
+    # Where K_tc scales the depths, the strongest serves all: its edges stand highest, above what the method calls deepest.
+    strengths = _nodes(strength, method.strengths) if method.strengths > 1 else np.quantile(strength, [0.99])
+    done = 0.0
 
     def step(part: float) -> None:
-        sampling.progress(share + part / len(nodes))
+        sampling.progress(done + part / (len(ratios) * len(strengths)))
 
     tables = []
-    for i, node in enumerate(nodes):
-        share = i / len(nodes)
-        step(0.0)
-        solution = method.solve(sampling.speeds, cut.with_force(strongest, strongest * node), step)
-        tables.append(edge_table(solution.edges, len(sampling.speeds)))
-    inverse = 1 / joined(tables)
-    right = np.clip(np.searchsorted(nodes, ratio), 1, max(len(nodes) - 1, 1)) % len(nodes)
-    left = np.maximum(right - 1, 0)
-    part = (ratio - nodes[left]) / np.where(right > left, nodes[right] - nodes[left], 1.0)
-    part = np.clip(part, 0.0, 1.0)[:, np.newaxis, np.newaxis]
-    if inverse.shape[2] > 1:
-        alike = ((inverse[left] > 0) == (inverse[right] > 0)).all(axis=2, keepdims=True)
-        part = np.where(alike, part, np.round(part))
-    inverse = (inverse[left] * (1 - part) + inverse[right] * part) * (draws[:, 0] / strongest)[
-        :, np.newaxis, np.newaxis
-    ]
+    for ktc in strengths:
+        for node in ratios:
+            solution = method.solve(sampling.speeds, cut.with_force(float(ktc), float(ktc * node)), step)
+            tables.append(edge_table(solution.edges, len(sampling.speeds)))
+            done = len(tables) / (len(ratios) * len(strengths))
+    scaled = 1 / joined(tables)  # and over K_tc: 1 / f
+    scaled = scaled.reshape(len(strengths), len(ratios), *scaled.shape[1:]) / strengths[:, None, None, None]
+    between = [_between(scaled[k], ratios, ratio) for k in range(len(strengths))]
+    if len(strengths) == 1:
+        inverse = between[0]
+    else:
+        left, right, share = _place(strengths, strength)
+        both = np.stack(between)
+        member = np.arange(len(draws))
+        inverse = _mixed(both[left, member], both[right, member], share)
+    inverse = inverse * strength[:, np.newaxis, np.newaxis]
     return np.where(inverse > 0, 1 / np.where(inverse > 0, inverse, 1.0), np.inf)
 
 
-def _one_by_one(method: Method, cut: Regeneration, sampling: Sampling) -> np.ndarray:
-    """The same where depths do not go with 1 / K: every draw solved by itself."""
-    tables = []
-    for i, (ktc, krc) in enumerate(sampling.draws):
-        sampling.progress(i / len(sampling.draws))
-        solution = method.solve(sampling.speeds, cut.with_force(float(ktc), float(krc)), lambda share: None)
-        tables.append(edge_table(solution.edges, len(sampling.speeds)))
-    return joined(tables)
+def _nodes(values: np.ndarray, many: int) -> np.ndarray:
+    """Quantiles, so that a far draw of few cuts' long tails does not stretch the grid; closer at the ends, where the band is."""
+    return np.unique(np.quantile(values, (1 - np.cos(np.linspace(0, np.pi, many))) / 2))
+
+
+def _place(nodes: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The nodes to the left and to the right of each value, and the share of the right one."""
+    right = np.clip(np.searchsorted(nodes, values), 1, max(len(nodes) - 1, 1)) % len(nodes)
+    left = np.maximum(right - 1, 0)
+    share = (values - nodes[left]) / np.where(right > left, nodes[right] - nodes[left], 1.0)
+    return left, right, np.clip(share, 0.0, 1.0)
+
+
+def _between(table: np.ndarray, nodes: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """A table (node, speed, edge) at values between its nodes.   returns (value, speed, edge)"""
+    left, right, share = _place(nodes, values)
+    return _mixed(table[left], table[right], share)
+
+
+def _mixed(left: np.ndarray, right: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Inverse edges (member, speed, edge) between two nodes; of several edges the nearer node's, unless both have as many."""
+    part = share[:, np.newaxis, np.newaxis]
+    if left.shape[2] > 1:
+        alike = ((left > 0) == (right > 0)).all(axis=2, keepdims=True)
+        part = np.where(alike, part, np.round(part))
+    return left * (1 - part) + right * part
 
 
 def joined(tables: list[np.ndarray]) -> np.ndarray:

@@ -1,0 +1,67 @@
+"""Cuts beside a map: those that were made and judged, and those that are simulated on points of it."""
+
+import numpy as np
+
+from millcal.data import CutTests, Frf, Modes, Notice, SimulatedCuts
+from millcal.errors import IllPosedError
+from millcal.physics.stability.regeneration import Regeneration
+from millcal.physics.stability.stable_depths import edge_table, is_stable
+from millcal.stages.stability.method import Asked, Method, Progress
+from millcal.stages.stability.modes import poles_of_modes
+from millcal.units import to_shop
+
+
+def held_against(tests: CutTests, speeds: np.ndarray, chosen: Method, cut: Regeneration) -> list[Notice]:
+    """Which cuts went as the map says."""
+    if not len(tests.stable):
+        return []
+    at = tests.spindle_speed
+    if not chosen.refine[0]:  # a method too dear for speeds of their own
+        at = speeds[np.argmin(np.abs(speeds - at[:, np.newaxis]), axis=1)]
+    own, where = np.unique(at, return_inverse=True)
+    table = edge_table(chosen.solve(own, cut, lambda share: None).edges, len(own))[where]
+    wrong = np.flatnonzero(is_stable(table, tests.axial_depth) != tests.stable.astype(bool))
+    what = f"{len(at) - len(wrong)} of {len(at)} test cuts went as the map says"
+    if not len(wrong):
+        return [Notice("tests", what, tests.name, "note")]
+    cuts = [
+        f"{to_shop(tests.spindle_speed[i], 'x_rpm'):.0f} rpm {to_shop(tests.axial_depth[i], 'x_mm'):.3g} mm "
+        f"{'was stable' if tests.stable[i] else 'chattered'}"
+        for i in wrong[:3]
+    ]
+    more = f" and {len(wrong) - 3} more" if len(wrong) > 3 else ""
+    return [Notice("tests", f"{what}; not {', '.join(cuts)}{more}", tests.name)]
+
+
+def simulated_over(
+    dynamics: Frf | Modes,
+    asked: Asked,
+    speeds: np.ndarray,
+    grid: tuple[int, int],
+    deepest: float,
+    progress: Progress,
+) -> tuple[SimulatedCuts | None, list[Notice]]:
+    """Cuts of the time domain on a grid over the map."""
+    from millcal.stages.stability.time_domain import simulated_cuts
+
+    if not isinstance(dynamics, Modes):
+        raise IllPosedError("stability.simulate: the time domain needs modes; fit them first (millcal modes)")
+    if asked.feed_per_tooth is None:
+        raise IllPosedError("stability.feed_per_tooth_mm: the time domain cuts chips, so it needs the feed; give it")
+    kte, kre = asked.edge or (0.0, 0.0)
+    many, deep = grid
+    speed, depth = np.meshgrid(
+        np.linspace(speeds[0], speeds[-1], many), deepest * np.arange(1, deep + 1) / deep, indexing="ij"
+    )
+    found, notices = simulated_cuts(
+        poles_of_modes(dynamics).tip,
+        asked.cut,
+        speed.ravel(),
+        depth.ravel(),
+        feed_per_tooth=asked.feed_per_tooth,
+        kte=kte,
+        kre=kre,
+        runout=asked.runout,
+        progress=progress,
+    )
+    return found, list(notices)
