@@ -14,19 +14,20 @@ from millcal.numerics.spectra import Cycle
 
 MOST_SAMPLES = 1 << 22  # of which the spectrum is taken
 FIRST_LOOK = 48  # periods; longer stretches follow, four times as long each
-CAP = 12.0  # log of the power over the surroundings: beyond, a harmonic counts no more
+CAP = 6.0  # log of the power over the surroundings: beyond, a harmonic counts no more
+NEAR_STATED = 0.2  # of the span: standard deviation of what is stated
 STANDS_OUT = 20.0  # power over the surroundings from which a harmonic is timed
 
 
 def comb_cycle(
     samples: np.ndarray, stated: float, *, harmonics: int = 40, every: int = 1, span: float = 0.03
-) -> tuple[Cycle, float]:
+) -> tuple[Cycle, tuple[int, ...]]:
     """The fundamental near a stated one.
 
     samples : (channel, sample)   stated : cycles per sample
     harmonics : of the fundamental that are looked at   every : each `every`-th of them counts twice (teeth of a cutter)
     span : how far it may be off, relative, to either side
-    returns the cycle with its standard deviation, and how many harmonics stand out where it says
+    returns the cycle with its standard deviation, and the orders of the harmonics that stand out where it says
     """
     samples = np.atleast_2d(samples)
     length = samples.shape[1]
@@ -46,7 +47,7 @@ def comb_cycle(
         trial = cycle + reach * np.arange(-steps, steps + 1) / max(steps, 1)
         place = np.clip(np.rint(np.multiply.outer(trial, order) * bins).astype(int), 0, above.shape[1] - 1)
         score = np.minimum(np.log(np.maximum(above, 1.0)), CAP)[:, place].sum(axis=0) @ weight
-        score -= 0.5 * ((trial - stated) / (0.4 * span * stated)) ** 2
+        score -= 0.5 * ((trial - stated) / (NEAR_STATED * span * stated)) ** 2
         cycle = float(trial[np.argmax(score)])
         if size == length:
             break
@@ -77,8 +78,8 @@ def _above_surroundings(power: np.ndarray, width: int) -> np.ndarray:
 
 def _timed(
     power: np.ndarray, above: np.ndarray, bins: int, size: int, cycle: float, order: np.ndarray
-) -> tuple[Cycle, float]:
-    """The fundamental from the peaks of the harmonics, and how many of them stand out."""
+) -> tuple[Cycle, tuple[int, ...]]:
+    """The fundamental from the peaks of the harmonics, and the orders of those that stand out."""
     half = round(bins / size)  # bins from one line to the next
     channel, k, frequency, spread = [], [], [], []
     for row in range(len(power)):
@@ -99,7 +100,7 @@ def _timed(
             spread.append((0.6 / np.sqrt(above[row, peak]) + 0.003) / size)
     found, f, sd = np.array(k, float), np.array(frequency), np.array(spread)
     if not len(found):
-        return Cycle(cycle, np.inf), 0
+        return Cycle(cycle, np.inf), ()
     kept = np.ones(len(found), bool)
     for _ in range(5):
         w = kept / sd**2
@@ -114,4 +115,4 @@ def _timed(
     mean = float(np.sum(w * found * f) / np.sum(w * found**2))
     chi2 = float(np.sum(w * (f - found * mean) ** 2)) / max(int(kept.sum()) - 1, 1)
     deviation = np.sqrt(max(chi2, 1.0) / float(np.sum(w * found**2)))
-    return Cycle(mean, float(deviation)), len({int(n) for n in found[kept]})
+    return Cycle(mean, float(deviation)), tuple(sorted({int(n) for n in found[kept]}))

@@ -32,7 +32,7 @@ from millcal.stages.judge.signal import (
     reader,
     refuse_what_is_no_number,
 )
-from millcal.stages.judge.speed import refined_cycle
+from millcal.stages.judge.speed import FAR_FROM_STATED, refined_cycle
 from millcal.stages.judge.strobes import once_per_tooth
 from millcal.stages.judge.verdict import Finding, judged
 
@@ -124,6 +124,7 @@ def judge_cut(
         rate=rate,
         revolutions=revolutions,
         follows=follows,
+        far_off=abs(cycle.cycle * rate / stated - 1) > FAR_FROM_STATED and not recording.rows_of("pulse"),
         amplitudes=course(found.signal, found.family[0].frequency) if found.family else np.empty(0),
         changes=plain.change,
         alternating=alternation(found.harmonics, found.noise, drive),

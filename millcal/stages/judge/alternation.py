@@ -20,9 +20,9 @@ from millcal.physics.cutter import Cutter
 FEWEST = 3  # harmonics that are compared
 MOST = 12  # of them: the lowest, whose neighbours are most alike
 SEEN = 25.0  # power over the noise, of the neighbours
-LITTLE = 0.3  # alternation of the chips up to which it is runout
+LITTLE = 0.4  # alternation of the chips up to which it is runout
 MUCH = 0.55  # from which it may be a flip that has grown up
-SMALL = 0.5  # power of the alternating lines over the others', up to which it is runout all the same
+SMALL = 0.2  # power of the alternating lines over the others', up to which it is runout all the same
 LARGE = 4.0  # from which it is a flip
 OF_MANY_TEETH = 1.5  # the same with four teeth or more, whose runout alternates from tooth to tooth only a little
 BEYOND = 3.0  # times the alternation that a measured runout makes: a flip

@@ -8,10 +8,12 @@ from millcal.numerics.pulses import number_pulses, pulse_times
 from millcal.numerics.spectra import Cycle
 from millcal.stages.judge.signal import Note, reader
 
-SPAN = 0.03  # how far the stated speed may be off
+NEAR, FAR = 0.012, 0.03  # how far the stated speed may be off: usually, and at most
+MORE = 2  # times as many harmonics stand out at a speed far off, before it is believed
+MANY = 6  # and so many at least
 FAR_FROM_STATED = 0.01
 HARMONICS = 60
-FEWEST_SEEN = 2  # harmonics that stand out, for a speed by them
+FEWEST_SEEN = 2  # harmonics that stand out, for a speed by them; or the first of the tooth passing alone
 PULSE_SCATTER = 0.05  # of a revolution
 
 
@@ -22,8 +24,8 @@ def refined_cycle(
 
     samples : (channel, sample) from `start` on   stated : cycles per sample
     """
-    by_comb, seen = comb_cycle(samples, stated, harmonics=max(HARMONICS, 6 * teeth), every=teeth, span=SPAN)
-    follows = seen >= FEWEST_SEEN
+    by_comb, seen = _by_harmonics(samples, stated, teeth)
+    follows = len(seen) >= FEWEST_SEEN or seen == (teeth,)
     by_pulse = _pulse_cycle(recording, start, start + samples.shape[1], stated, note)
     if by_pulse is not None:
         found = by_pulse
@@ -44,6 +46,14 @@ def refined_cycle(
             "nothing in the signal follows a spindle near the stated speed; is it the speed of this cut?",
         )
     return found, follows
+
+
+def _by_harmonics(samples: np.ndarray, stated: float, teeth: int) -> tuple[Cycle, tuple[int, ...]]:
+    """The speed near the stated one; one farther off where far more follows that, since overtones of chatter are a comb as well."""
+    harmonics = max(HARMONICS, 6 * teeth)
+    near, seen = comb_cycle(samples, stated, harmonics=harmonics, every=teeth, span=NEAR)
+    far, more = comb_cycle(samples, stated, harmonics=harmonics, every=teeth, span=FAR)
+    return (far, more) if len(more) >= max(MANY, MORE * len(seen)) else (near, seen)
 
 
 def _pulse_cycle(recording: Recording, start: int, stop: int, stated: float, note: Note) -> Cycle | None:

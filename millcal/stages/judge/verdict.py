@@ -22,6 +22,8 @@ FEWEST_REVOLUTIONS = 8  # for a verdict of what is not there
 LONGEST_PERIOD = 8
 REPEATS = 0.2  # M(n) over M(1)
 GROWS = 3.0
+NEAR = 0.012  # how far a stated speed may be off
+STRAY = 3.0  # times the power of the tooth passing, in one harmonic of the spindle alone
 DIES = 0.3
 
 
@@ -71,6 +73,7 @@ def judged(
     rate: float,
     revolutions: float,
     follows: bool,
+    far_off: bool,
     amplitudes: np.ndarray,
     changes: np.ndarray,
     alternating: Alternation | None,
@@ -79,6 +82,7 @@ def judged(
 ) -> Finding:
     """The verdict on one channel.
 
+    far_off : the speed is known from the harmonics alone, and is not what was stated
     amplitudes : (block,) course of the strongest tone   changes : M(1), M(2), .. without harmonics of the spindle
     alternating_grows : the lines at odd multiples of half the tooth passing grow against those of the tooth passing
     expected : by how much chips alternate by a runout that was measured; None: not known
@@ -93,6 +97,13 @@ def judged(
             share *= thirds[2] ** 2 / mean_square
     several = company(found.family, passing, size) if found.family else 0
     needed = WITH_COMPANY if several else SURE
+    if found.family and share >= needed and not several and not follows:
+        f, k = found.family[0].frequency, round(found.family[0].frequency / passing)
+        if k and abs(f / (k * passing) - 1) < NEAR:
+            return _unknown(
+                f"one line stands out alone, at {f * rate:.5g} {unit}, and nothing shows the speed so well that it could be told "
+                f"from harmonic {k} of the tooth passing; record a pulse per revolution, or less noise"
+            )
     if found.family and share >= needed:
         tone = found.family[0]
         f = tone.frequency * rate
@@ -141,6 +152,14 @@ def judged(
             f"a broad hump about {found.humps[0].frequency * rate:.4g} {unit} holds {found.hump_share:.0%} of the power: a "
             "resonance that noise excites, or chatter that wanders"
         )
+    stray = _stray(found, teeth) if far_off else None
+    if stray is not None:
+        order, ratio = stray
+        return _unknown(
+            f"harmonic {order} of the spindle, at {order * cycle * rate:.5g} {unit}, has {ratio:.2g} times the power of the tooth "
+            "passing and is none of its harmonics: runout that meets a resonance, or chatter on that line; a pulse per "
+            "revolution would tell, or a cut at a speed some percent away"
+        )
     why = f"all that stands out follows the teeth and the spindle, up to {rate / 2:.5g} Hz"
     if alternating is not None and alternating.power > SURE:
         order = alternating.strongest
@@ -151,6 +170,19 @@ def judged(
     if found.family and found.share >= WITH_COMPANY:
         why += f"; a line at {found.family[0].frequency * rate:.5g} {unit} dies away"
     return Finding("stable", why, 1, [], share, False)
+
+
+def _stray(found: Remains, teeth: int) -> tuple[int, float] | None:
+    """The harmonic of the spindle that outweighs all of the teeth, where one does: its order and by how much."""
+    own = np.maximum(0.5 * np.abs(found.harmonics) ** 2 - found.noise, 0.0)
+    own[0] = 0.0
+    of_teeth = float(own[::teeth].sum())
+    own[::teeth] = 0.0
+    if teeth % 2 == 0:
+        own[teeth // 2 :: teeth] = 0.0  # judged by themselves
+    order = int(np.argmax(own))
+    ratio = float(own[order]) / max(of_teeth, 1e-300)
+    return (order, ratio) if ratio > STRAY else None
 
 
 def _unknown(why: str) -> Finding:
