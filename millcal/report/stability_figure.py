@@ -34,7 +34,7 @@ LIMITS = ("Hopf limit: chatter between the tooth passings", "flip limit: period 
 HARMONICS = 8  # of the tooth passing beside the chatter frequency
 MOST_SIMULATED = 1500  # marks of simulated cuts
 HEIGHT = 300.0
-FINE = 0.25  # of a pixel: how far off a drawn line may be
+FINE = 0.08  # of a pixel: how far off a drawn line may be
 
 
 def rpm_of(speed: np.ndarray) -> np.ndarray:
@@ -290,9 +290,20 @@ def _simulated(map_: StabilityMap) -> Drawn:
     return items, key
 
 
+def leaps(map_: StabilityMap) -> np.ndarray:
+    """Before which speeds the chatter frequency leaps: another lobe, another kind, or another mode that rings.
+
+    returns indices of speeds
+    """
+    step = np.abs(np.diff(map_.chatter_frequency))
+    usual = np.nanmedian(step) if np.isfinite(step).any() else 0.0
+    far = (step > 10 * usual) & (step > 0.02 * map_.chatter_frequency[1:])
+    return np.flatnonzero((np.diff(map_.lobe) != 0) | (np.diff(map_.limit_kind) != 0) | far) + 1
+
+
 def _chatter(map_: StabilityMap, rpm: np.ndarray, width: float) -> tuple[list[Item], tuple[float, float]]:
     """The chatter frequency by kind, the tooth passing faint, and the lobes' numbers."""
-    frequency, lobe = map_.chatter_frequency, map_.lobe
+    frequency, lobe, breaks = map_.chatter_frequency, map_.lobe, leaps(map_)
     low, high = span_of(frequency, margin=0.16)
     items: list[Item] = []
     for multiple in range(1, HARMONICS + 1):
@@ -301,9 +312,7 @@ def _chatter(map_: StabilityMap, rpm: np.ndarray, width: float) -> tuple[list[It
             items.append(Line(rpm[[0, -1]], passing[[0, -1]], "passing"))
     for kind in range(len(KINDS)):
         own = map_.limit_kind == kind
-        starts = np.flatnonzero(np.diff(own.astype(int), prepend=0) > 0)
-        leaps = np.flatnonzero(own[1:] & own[:-1] & (np.diff(lobe) != 0)) + 1
-        for run in np.split(np.arange(len(own)), np.union1d(starts, leaps)):
+        for run in np.split(np.arange(len(own)), breaks):
             run = run[own[run]]
             if len(run) == 1:
                 items.append(Marks(rpm[run], frequency[run], LINES[kind].split()[0], "dot", size=1.5))

@@ -44,7 +44,7 @@ def operating_verdict(
     else:
         told.append("No band is known.")
         level = "good" if point.stable else "bad"
-    margin = margin_in_words(point)
+    margin = margin_in_words(map_)
     told += [f"{margin}."] if margin else []
     head = {"good": "Stable", "part": "Stable or not: too close to tell", "bad": "Chatter"}[level]
     doubt = map_verdict(fit)
@@ -66,18 +66,21 @@ def _limit_in_words(point: OperatingPoint) -> list[str]:
     if point.stable and point.axial_depth > point.limit:
         told.append("Beyond it lies a pocket that is stable, and this cut in it: shallower it chatters too.")
     if point.kind in KINDS and isfinite(point.chatter_frequency):
-        what = f"{KINDS[point.kind]} at {significant(point.chatter_frequency, 4)} Hz"
-        told.append(f"What ends it is {what}." if point.stable else f"It would be {what}.")
+        what = f"{KINDS[point.kind]}, at {significant(point.chatter_frequency, 4)} Hz"
+        told.append(f"Deeper it chatters: {what}." if point.stable else f"Expect {what}.")
     return told
 
 
-def margin_in_words(point: OperatingPoint) -> str:
-    """How far the speed may move before this depth chatters; nothing where that is not known."""
-    if not point.stable or point.speed_margin is None:
+def margin_in_words(map_: StabilityMap) -> str:
+    """How far the speed may move before the depth asked about chatters; nothing where that is not known."""
+    point = map_.operating
+    if point is None or not point.stable or point.speed_margin is None:
         return ""
-    fall, rise = (to_shop(abs(margin), "spindle_speed_rpm") for margin in point.speed_margin)
+    ends = (point.spindle_speed - map_.spindle_speed[0], map_.spindle_speed[-1] - point.spindle_speed)
     words = [
-        f"{way} by {fixed(margin, 0)} rpm" if isfinite(margin) else f"{way} as far as the map goes"
-        for way, margin in (("fall", fall), ("rise", rise))
+        f"{way} by {fixed(to_shop(margin, 'spindle_speed_rpm'), 0)} rpm"
+        if margin < 0.999 * end
+        else f"{way} to the end of the map"
+        for way, margin, end in zip(("fall", "rise"), point.speed_margin, ends, strict=True)
     ]
     return f"At this depth the speed may {words[0]} and {words[1]}"

@@ -15,6 +15,8 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+from matplotlib.text import Text
 
 from millcal.report.digits import log_tick_labels, log_ticks, nice_ticks, tick_labels
 
@@ -191,6 +193,11 @@ def legend(figure: Figure, entries: Sequence[tuple[Artist | tuple[Artist, ...], 
     """What each line and mark is, above all panels, where it can cover nothing."""
     handles, texts = zip(*entries, strict=True)
     figure.legend(handles, texts, loc="outside upper center", ncols=columns)
+
+
+def haloed(text: Text) -> None:
+    """A word that can be read where a line passes behind it."""
+    text.set_path_effects([withStroke(linewidth=1.6, foreground="white")])
 
 
 def plain(text: str) -> str:

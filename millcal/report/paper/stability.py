@@ -12,7 +12,7 @@ from millcal.report.charts import span_of
 from millcal.report.digits import significant
 from millcal.report.paper import sheet
 from millcal.report.stability_comparison import POINTWISE, bounds, depth_compared, in_order
-from millcal.report.stability_figure import CONTOURS, LEVELS, depth_drawn, reach, rpm_of
+from millcal.report.stability_figure import CONTOURS, LEVELS, depth_drawn, leaps, reach, rpm_of
 from millcal.report.stability_regions import (
     KINDS,
     Area,
@@ -26,14 +26,14 @@ from millcal.report.stability_samples import held_in_words, samples_of
 from millcal.report.wording import percent
 
 INKS = (sheet.MAIN, sheet.MODEL, "#7a3fa0")  # by kind
-STYLES: tuple = ("-", (0, (5, 1.6)), (0, (1.2, 1.4)))
+STYLES = ("-", "--", "-.")
 LIMITS = ("Hopf limit", "flip limit", "fold limit")
 SHADES = ("#eff5fb", "#dbe8f5", "#c5d9ee", "#adc9e6", "#93b8dd")  # from each of LEVELS on
 GREEN, RED, PURPLE = "#117a4b", "#a01525", "#7a3fa0"
 BY_METHOD: dict[str, tuple] = {  # name, ink, style, width
     "floquet": ("Floquet", sheet.MAIN, "-", 1.1),
-    "frf": ("straight from the FRF", GREEN, (0, (7, 1.5, 1.2, 1.5)), 0.9),
-    "zoa": ("zero-order", sheet.MODEL, (0, (4, 1.8)), 0.9),
+    "frf": ("straight from the FRF", GREEN, "-.", 0.9),
+    "zoa": ("zero-order", sheet.MODEL, "--", 0.9),
 }
 
 
@@ -54,7 +54,7 @@ def stability_map(map_: StabilityMap) -> Any:
     entries = _limits(upper, map_, rpm, top)
     if np.isfinite(map_.absolute_minimum):
         smallest = map_.absolute_minimum * 1e3
-        rule = upper.axhline(smallest, color=sheet.INK, linewidth=0.8, linestyle=(0, (1, 1.5)))
+        rule = upper.axhline(smallest, color=sheet.INK, linewidth=0.8, linestyle=":")
         entries.append((rule, f"smallest limit, {significant(smallest)} mm"))
     entries += _tried(upper, map_)
     if map_.best:
@@ -63,7 +63,8 @@ def stability_map(map_: StabilityMap) -> Any:
         (marks,) = upper.plot(speeds, depths, "D", color=sheet.MODEL, markersize=4, clip_on=False, zorder=4)
         entries.append((marks, "best speeds, best first"))
         for number, place in enumerate(zip(speeds, depths, strict=True), 1):
-            upper.annotate(str(number), place, (0, 4), textcoords="offset points", ha="center", va="bottom", fontsize=7)
+            over = {"textcoords": "offset points", "ha": "center", "va": "bottom", "fontsize": 7}
+            sheet.haloed(upper.annotate(str(number), place, (0, 4), zorder=6, **over))
     if (point := map_.operating) is not None:
         speed, depth = float(rpm_of(point.spindle_speed)), point.axial_depth * 1e3
         if point.stable:
@@ -158,7 +159,7 @@ def _tried(axes: Any, map_: StabilityMap) -> list[tuple[Any, str]]:
             look: dict[str, Any] = {"marker": f"${period:.0f}$", "color": PURPLE, "markersize": 4}
             text = f"simulated: every {period:.0f} {several}"
             if period == 1:
-                look, text = {"marker": "o", "color": GREEN, "markersize": 2.2}, "simulated: stable"
+                look, text = {"marker": "s", "color": GREEN, "markersize": 2}, "simulated: stable"
             elif period == 0:
                 look, text = {"marker": "_", "color": PURPLE, "markersize": 3}, "simulated: chatter"
             (marks,) = axes.plot(n, b, linestyle="none", markeredgewidth=0.7 if period < 1 else 0.2, zorder=3.5, **look)
@@ -176,7 +177,7 @@ def _tried(axes: Any, map_: StabilityMap) -> list[tuple[Any, str]]:
 
 def _chatter(axes: Any, map_: StabilityMap, rpm: np.ndarray) -> None:
     """The chatter frequency by kind; from lobe to lobe it leaps."""
-    jumps = np.flatnonzero((np.diff(map_.lobe) != 0) | (np.diff(map_.limit_kind) != 0)) + 1
+    jumps = leaps(map_)
     found = False
     for kind in range(len(KINDS)):
         own = np.where(map_.limit_kind == kind, map_.chatter_frequency, np.nan)
@@ -201,11 +202,12 @@ def comparison(maps: Sequence[StabilityMap]) -> Any:
             (shown,) = axes.plot(n, limit, "o", zorder=4, **look)
             entries.append((shown, "time domain"))
             continue
-        name, ink, style, width = BY_METHOD.get(map_.method, (map_.method, sheet.MUTED, (0, (1, 1)), 0.8))
+        name, ink, style, width = BY_METHOD.get(map_.method, (map_.method, sheet.MUTED, ":", 0.8))
         look = {"color": ink, "linestyle": style, "linewidth": width, "zorder": 2.5 + 0.1 * number}
         for edge in bounds(map_):
             axes.plot(edge.x, np.minimum(edge.y, 3 * top), **look)
         entries.append((axes.plot([], [], **look)[0], name))
+    axes.tick_params(axis="x", pad=5)  # the first number stands in the corner beside the 0
     sheet.scale(axes, "x", ends, label="spindle speed (rpm)", most=8)
     sheet.scale(axes, "y", (0.0, top), label="axial depth $a_\\mathrm{p}$ (mm)", most=7)
     sheet.legend(figure, entries, columns=4)
@@ -225,8 +227,7 @@ def bifurcation(map_: StabilityMap) -> Any | None:
     entries.append((axes.plot([], [], ".", markersize=4, **look)[0], f"once per {found.per}, {held_in_words(found)}"))
     rules: dict[int, Any] = {}
     for at, kind in found.bounds:
-        style = STYLES[kind] if kind else (0, (6, 2, 1.5, 2))
-        rules[kind] = axes.axvline(at, color=sheet.MUTED, linewidth=0.8, linestyle=style)
+        rules[kind] = axes.axvline(at, color=sheet.MUTED, linewidth=0.8, linestyle=STYLES[kind])
     entries += [(rules[kind], LIMITS[kind]) for kind in sorted(rules)]
     name = "spindle speed (rpm)" if found.along == "speed" else "axial depth $a_\\mathrm{p}$ (mm)"
     margin = 0.01 * float(np.ptp(found.at)) or 1.0

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import stability_maps
 from histories import two_cuts, unknown, wide, worn
 from modal_fits import cut_off, single, six_by_three
 from reconstructed_forces import MAKERS, coefficients_of
@@ -98,6 +99,8 @@ def hard_results(coefficients, frf, stability) -> dict[str, dict]:
         "no driving point": {"frf": crossed},
         "without a limit at high speed": {"stability": rigid},
         "without any limit": {"stability": no_limit},
+        **{f"a map, {name}": {"stability": maker()} for name, maker in stability_maps.MAKERS.items()},
+        "methods compared": {"stability_compared": stability_maps.compared()},
         "one cut": {"coefficients": with_cuts(coefficients, 1)},
         "seven cuts, two alike": {"coefficients": with_cuts(coefficients, 7)},
         "another law": {"coefficients": kienzle(coefficients)},

@@ -1,9 +1,11 @@
 """The stability map for print shows what the record holds."""
 
 import numpy as np
+import pytest
+import stability_maps
 
 from millcal.report.paper import sheet
-from millcal.report.paper.stability import stability_map
+from millcal.report.paper.stability import bifurcation, comparison, stability_file, stability_map
 
 
 def test_best_speeds_stand_on_the_map_with_their_numbers(stability):
@@ -31,3 +33,56 @@ def test_the_chatter_frequency_is_not_joined_from_lobe_to_lobe(stability):
 
 def test_a_map_without_any_limit_can_be_drawn(figures):
     assert len(figures["without any limit: stability-map"].axes) == 2
+
+
+def test_kinds_of_limit_differ_in_style_and_an_island_is_closed():
+    with sheet.style():
+        upper = stability_map(stability_maps.with_islands()).axes[0]
+    styles = {(line.get_color(), line.get_linestyle()) for line in upper.lines if line.get_zorder() == 3}
+    assert len({style for _, style in styles}) == len(styles) == 2
+    flips = [line.get_xydata() for line in upper.lines if line.get_zorder() == 3 and line.get_linestyle() == "--"]
+    lone = [xy for xy in flips if np.all(np.abs(xy[:, 0] - 9340) < 150)]
+    ends = sorted(map(tuple, [xy[end] for xy in lone for end in (0, -1)]))
+    assert ends[0] == pytest.approx(ends[1])
+    assert ends[-1] == pytest.approx(ends[-2])
+
+
+def test_probabilities_have_a_shade_each_in_the_legend():
+    with sheet.style():
+        figure = stability_map(stability_maps.probable())
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert [text for text in texts if text.startswith("stable with")] == [
+        f"stable with > {share} %" for share in (5, 25, 50, 75, 95)
+    ]
+
+
+def test_simulated_periods_are_marked_with_their_number():
+    with sheet.style():
+        figure = stability_map(stability_maps.tried())
+    markers = {line.get_marker() for line in figure.axes[0].lines}
+    assert {"$2$", "$3$", "s", "_", "o", "x"} <= markers
+
+
+def test_the_zero_order_limit_is_dashed_beside_the_others_and_the_time_domain_points():
+    with sheet.style():
+        figure = comparison(stability_maps.compared())
+    handles = dict(
+        zip((t.get_text() for t in figure.legends[0].get_texts()), figure.legends[0].get_lines(), strict=True)
+    )
+    assert handles["Floquet"].get_linestyle() == "-"
+    assert handles["zero-order"].get_linestyle() == "--"
+    assert handles["time domain"].get_marker() == "o"
+
+
+def test_only_a_map_with_samples_has_a_picture_of_them():
+    with sheet.style():
+        assert bifurcation(stability_maps.with_islands()) is None
+        axes = bifurcation(stability_maps.tried()).axes[0]
+    assert axes.get_ylabel() == "displacement (µm)"
+
+
+def test_a_file_of_the_map_is_that_of_the_methods_where_others_are_given():
+    first, *others = stability_maps.compared()
+    alone, together = stability_file(first, "svg"), stability_file(first, "svg", others=others)
+    assert alone.startswith(b"<?xml")
+    assert alone != together == stability_file(first, "svg", others=others)
