@@ -261,7 +261,9 @@ def test_on_paper_facts_and_short_tables_stay_whole(html, page):
 
 
 def test_the_csv_under_a_chart_begins_with_names_and_units(html):
-    assert "spindle speed [rpm],limit depth [mm],limit low [mm],limit high [mm],kind,chatter frequency [Hz],lobe" in html
+    assert (
+        "spindle speed [rpm],limit depth [mm],limit low [mm],limit high [mm],kind,chatter frequency [Hz],lobe" in html
+    )
     assert "frequency [Hz],magnitude [(m/s²)/N],magnitude low" in html
 
 
