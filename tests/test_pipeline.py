@@ -201,6 +201,57 @@ def test_an_exponential_window_is_mapped_by_its_modes_and_refused_as_an_frf(whol
         pipeline.run(read_recipe(small_recipe(with_dynamics(recipe_text, "frf") + window)), tmp_path / "frf")
 
 
+def with_map(text, keys):
+    """Of few speeds and no band, by another method."""
+    return text.replace("points = 60\nmembers = 50\n", f"points = 8\nmembers = 0\n{keys}\n")
+
+
+def test_floquet_takes_the_modes_and_frf_the_lines_without_being_told(small_recipe, recipe_text, tmp_path):
+    """The cutter's helix is floquet's to take; a straight cutter is the frf's."""
+    straight = recipe_text.replace("helix_deg = 30", "helix_deg = 0")
+    maps = {}
+    for method in ("floquet", "frf"):
+        found = pipeline.run(read_recipe(small_recipe(with_map(straight, f'method = "{method}"'))), tmp_path / method)
+        maps[method] = read_result(tmp_path / method / "stability.h5", StabilityMap)
+        assert found.summary["stability"]["method"] == method
+        assert not {notice.code for notice in found.notices} & {"map-from-modes", "no-stability-map"}
+    both = np.isfinite(maps["floquet"].limit_depth) & np.isfinite(maps["frf"].limit_depth)
+    assert both.sum() > 3
+    ratio = maps["frf"].limit_depth[both] / maps["floquet"].limit_depth[both]
+    assert np.median(np.abs(ratio - 1)) < 0.05
+
+
+LOG = """rpm,axial_depth_mm,stable,radial_depth_mm
+6000,0.01,1,
+7000,0.01,0,
+8000,0.01,1,2
+"""
+
+
+def test_test_cuts_of_a_recipe_are_held_against_its_map_and_are_among_its_inputs(
+    recordings_folder, small_recipe, recipe_text, tmp_path
+):
+    path = small_recipe(recipe_text.replace("points = 60\n", 'points = 20\ntests = "cuts.csv"\n'))
+    (path.parent / "cuts.csv").write_text(LOG)
+    found = pipeline.run(read_recipe(path), tmp_path / "out")
+    told = found.summary["stability"]["tests"]
+    assert (told["on_map"], told["as_mapped"]) == (2, 1)
+    assert "tests-left-out" in {notice.code for notice in found.notices}
+    assert any(name.endswith("cuts.csv") for name in found.provenance["inputs"])
+    assert read_result(tmp_path / "out" / "stability.h5", StabilityMap).tests.stable == pytest.approx([1, 0])
+
+
+def test_a_log_that_is_absent_is_named_with_its_key_and_one_alone_is_nothing_to_fit(
+    small_recipe, recipe_text, tmp_path
+):
+    text = recipe_text.replace("points = 60\n", 'points = 20\ntests = "nowhere.csv"\n')
+    with pytest.raises(RecordingError, match=r"stability\.tests: .*nowhere\.csv is absent"):
+        pipeline.run(read_recipe(small_recipe(text)), tmp_path / "out")
+    path = small_recipe(text.replace("cut-", "absent-").replace("tap-", "absent-").replace("nowhere", "alone"))
+    (path.parent / "alone.csv").write_text(LOG)
+    assert pipeline.run(read_recipe(path), tmp_path / "out").skipped
+
+
 def test_conditions_of_the_recipe_win_over_those_of_the_recording(small_recipe, tmp_path, recipe_text):
     text = recipe_text.replace("axial_depth_mm = 2\ndirection", "axial_depth_mm = 4\ndirection")
     found = pipeline.run(read_recipe(small_recipe(text)), tmp_path / "out")
