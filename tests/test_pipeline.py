@@ -206,12 +206,17 @@ def with_map(text, keys):
     return text.replace("points = 60\nmembers = 50\n", f"points = 8\nmembers = 0\n{keys}\n")
 
 
+LOW = 'radial_depth_mm = 3\ndirection = "down"'  # immersion, where few nodes are needed
+
+
 def test_floquet_takes_the_modes_and_frf_the_lines_without_being_told(small_recipe, recipe_text, tmp_path):
     """The cutter's helix is floquet's to take; a straight cutter is the frf's."""
     straight = recipe_text.replace("helix_deg = 30", "helix_deg = 0")
     maps = {}
     for method in ("floquet", "frf"):
-        found = pipeline.run(read_recipe(small_recipe(with_map(straight, f'method = "{method}"'))), tmp_path / method)
+        found = pipeline.run(
+            read_recipe(small_recipe(with_map(straight, f'method = "{method}"\n{LOW}'))), tmp_path / method
+        )
         maps[method] = read_result(tmp_path / method / "stability.h5", StabilityMap)
         assert found.summary["stability"]["method"] == method
         assert not {notice.code for notice in found.notices} & {"map-from-modes", "no-stability-map"}
