@@ -18,6 +18,7 @@ from millcal.report.stability_regions import (
     KINDS,
     Area,
     areas,
+    chances,
     edges,
     inner_crossings,
     simplified,
@@ -161,9 +162,9 @@ def _bounds(map_: StabilityMap, rpm: np.ndarray, top: float, fine: tuple[float, 
     stable = areas(rpm, columns)
     items: list[Item] = []
     key: list[tuple[str, str]] = []
-    if map_.probability is not None and map_.probability_depth is not None:
+    if likely := chances(map_):
         for level in LEVELS:
-            found = areas(rpm, stretches_above(map_.probability_depth, map_.probability, level))
+            found = areas(rpm, stretches_above(likely, level))
             items.append(filled(found, "chance"))
             if level in CONTOURS:
                 items += [line(e.x, e.y, "chance middle" if level == 0.5 else "chance") for e in edges(found)]

@@ -17,6 +17,7 @@ from millcal.data import StabilityMap
 
 KINDS = ("Hopf", "flip", "fold")  # as the record numbers them
 MULTIPLIERS = (2, 1, 1)  # that cross the unit circle together
+LEAP = 0.5  # of a probability between two depths, beyond which it is no slope
 RIM = -1  # an end that is no crossing: no depth at all, or as deep as was looked
 
 
@@ -87,23 +88,52 @@ def _between(crossings: Sequence[tuple[float, int, bool]]) -> list[Stretch]:
     return stretches if outside else [*stretches, Stretch(low, np.inf, below, RIM)]
 
 
-def stretches_above(depth: np.ndarray, values: np.ndarray, level: float) -> list[list[Stretch]]:
-    """Where a quantity reaches a level, column by column.   depth : (depth,) ascending   values : (depth, column)"""
-    columns = []
-    for column in values.T:
-        inside = column >= level
+def chances(map_: StabilityMap) -> list[tuple[np.ndarray, np.ndarray]]:
+    """The probability of a stable cut against depth at every speed, (depth,) m and (depth,); none where it is not known.
+
+    Where it leaps from one depth to the next, the bound of the map between them says where, and its band how steeply: else
+    coefficients that are known well would give steps as high as the depths are apart.
+    """
+    if map_.probability is None or map_.probability_depth is None:
+        return []
+    depth, found = map_.probability_depth, []
+    for i, stretches in enumerate(stable_stretches(map_)):
+        chance = map_.probability[:, i]
+        d, p = [depth], [chance]
+        for end in sorted({end for s in stretches for end in (s.low, s.high) if depth[0] < end < depth[-1]}):
+            k = int(np.searchsorted(depth, end)) - 1
+            if abs(chance[k + 1] - chance[k]) < LEAP:
+                continue
+            low, high = end * (1 - 1e-6), end * (1 + 1e-6)
+            first, last = chance[k], chance[k + 1]
+            if end == map_.limit_depth[i] and map_.limit_low is not None and map_.limit_high is not None:
+                band = float(map_.limit_low[i]), float(map_.limit_high[i])
+                within = depth[k] < band[0] <= end <= band[1] < depth[k + 1]
+                low, high, first, last = (*band, 0.975, 0.025) if within else (low, high, first, last)
+            d.append(np.array([low, end, high]))
+            p.append(np.array([first, (first + last) / 2, last]))
+        order = np.argsort(np.concatenate(d), kind="stable")
+        found.append((np.concatenate(d)[order], np.concatenate(p)[order]))
+    return found
+
+
+def stretches_above(columns: Sequence[tuple[np.ndarray, np.ndarray]], level: float) -> list[list[Stretch]]:
+    """Where a quantity reaches a level.   columns : depth (n,), ascending, and the quantity there (n,), of each column"""
+    found = []
+    for depth, values in columns:
+        inside = values >= level
         change = np.flatnonzero(np.diff(inside.astype(int)))
-        share = (level - column[change]) / (column[change + 1] - column[change])
+        share = (level - values[change]) / (values[change + 1] - values[change])
         ends = (depth[change] + share * np.diff(depth)[change]).tolist()
         kinds = [0] * len(ends)
         if inside[0]:
             ends, kinds = [0.0, *ends], [RIM, *kinds]
         if inside[-1]:
             ends, kinds = [*ends, float(depth[-1])], [*kinds, RIM]
-        columns.append(
+        found.append(
             [Stretch(ends[i], ends[i + 1], kinds[i], kinds[i + 1]) for i in range(0, len(ends), 2)]
         )  # they come in pairs
-    return columns
+    return found
 
 
 def areas(x: np.ndarray, columns: Sequence[Sequence[Stretch]]) -> list[Area]:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from millcal.data import CoefficientHistory, Coefficients, ForceHarmonics, StabilityMap
 from millcal.report import blocks, stability_figure, stability_tables
-from millcal.report.digits import fixed, rounded_down, significant
+from millcal.report.digits import MINUS, fixed, rounded_down, significant
 from millcal.report.stability_comparison import comparison
 from millcal.report.stability_samples import bifurcation
 from millcal.report.stability_wording import map_verdict
@@ -40,7 +40,7 @@ def _advice(map_: StabilityMap) -> dict | None:
     """What to do about the operating point, best first."""
     if map_.operating is None:
         return None
-    steps = [f"{text[:1].upper()}{text[1:]}" for text in map_.operating.advice]
+    steps = [f"{text[:1].upper()}{text[1:]}".replace("(-", f"({MINUS}") for text in map_.operating.advice]
     return blocks.steps("What would help at the operating point", steps)
 
 

@@ -98,9 +98,10 @@ def limits(map_: StabilityMap) -> Table | None:
     rows = []
     for i in chosen:
         kind = int(map_.limit_kind[i])
-        row = [fixed(_rpm(map_.spindle_speed[i]), 0), fixed(map_.limit_depth[i] * 1e3, 2)]
+        row = [fixed(_rpm(map_.spindle_speed[i]), 0), _depth(map_, map_.limit_depth[i])]
         if map_.limit_low is not None and map_.limit_high is not None:
-            row.append(f"{fixed(map_.limit_low[i] * 1e3, 2)} to {fixed(map_.limit_high[i] * 1e3, 2)}")
+            low, high = (_depth(map_, bound[i]) for bound in (map_.limit_low, map_.limit_high))
+            row.append(low if low == high else f"{low} to {high}")
         row += [
             KINDS[kind] if 0 <= kind < len(KINDS) else UNKNOWN,
             significant(map_.chatter_frequency[i], 4),
@@ -116,6 +117,11 @@ def limits(map_: StabilityMap) -> Table | None:
     note = "Hopf: chatter between the tooth passings. Flip: every second tooth cuts alike, at half the tooth passing."
     note = note if any("flip" in row for row in rows) else ""
     return Table("Limits at round speeds", headings, rows, words=words, note=note) if rows else None
+
+
+def _depth(map_: StabilityMap, depth: float) -> str:
+    """A limit in mm; where there is none, how deep was looked."""
+    return f"> {nominal(map_.deepest * 1e3)}" if depth == inf and np.isfinite(map_.deepest) else fixed(depth * 1e3, 2)
 
 
 def _again(stretches: Sequence[Stretch]) -> str:
@@ -138,7 +144,7 @@ def methods_compared(maps: Sequence[StabilityMap]) -> Table | None:
         for map_ in maps:
             k = int(np.argmin(np.abs(map_.spindle_speed - speed)))
             off = abs(map_.spindle_speed[k] - speed)
-            row.append(fixed(map_.limit_depth[k] * 1e3, 2) if off <= 0.005 * speed else UNKNOWN)
+            row.append(_depth(map_, map_.limit_depth[k]) if off <= 0.005 * speed else UNKNOWN)
         rows.append(row)
     headings = ("speed, rpm", *(SHORT.get(map_.method, map_.method) for map_ in maps))
     groups = (("", 1), ("first loss of stability, a_p, mm", len(maps)))

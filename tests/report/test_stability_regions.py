@@ -10,6 +10,7 @@ from millcal.report.stability_regions import (
     RIM,
     Stretch,
     areas,
+    chances,
     edges,
     inner_crossings,
     simplified,
@@ -131,16 +132,16 @@ def test_where_the_kind_changes_the_edges_meet():
 
 def test_levels_of_a_probability_are_nested_and_end_where_it_passes_them():
     map_ = stability_maps.probable()
-    depth = map_.probability_depth
+    smooth = chances(map_)
     heights = []
     for level in (0.05, 0.5, 0.95):
-        columns = stretches_above(depth, map_.probability, level)
+        columns = stretches_above(smooth, level)
         heights.append([sum(s.high - s.low for s in column) for column in columns])
         for k in (0, 70, 107):
             for s in columns[k]:
                 for end, kind in ((s.low, s.below), (s.high, s.above)):
                     if kind != RIM:
-                        assert np.interp(end, depth, map_.probability[:, k]) == pytest.approx(level)
+                        assert np.interp(end, *smooth[k]) == pytest.approx(level)
     assert np.all(np.diff(heights, axis=0) <= 0)
 
 
@@ -162,3 +163,23 @@ def test_a_simplified_line_stays_within_what_is_allowed():
     assert len(kept) < 600
     assert np.max(np.abs(np.interp(x, x[kept], y[kept]) - y)) < 0.05
     assert simplified(x, 2 * x, 0.01, 0.01).tolist() == [0, 2999]
+
+
+def test_a_probability_that_leaps_between_two_depths_does_so_where_the_map_has_its_bound():
+    map_ = stability_maps.with_islands(200)
+    depth = np.linspace(0.5e-3, 12e-3, 24)  # coarse
+    stable = np.array(
+        [[any(s.low < d < s.high for s in column) for column in stable_stretches(map_)] for d in depth], float
+    )
+    sharp = replace(map_, probability=stable, probability_depth=depth)
+    for level in (0.05, 0.5, 0.95):
+        found = stretches_above(chances(sharp), level)
+        for i, column in enumerate(stable_stretches(map_)):
+            if depth[0] < column[0].high < depth[-1]:
+                assert found[i][0].high == pytest.approx(column[0].high, rel=1e-5)
+    banded = replace(sharp, limit_low=0.99 * map_.limit_depth, limit_high=1.01 * map_.limit_depth)
+    steps = [stretches_above(chances(banded), level) for level in (0.95, 0.5, 0.05)]
+    inside = [i for i in range(200) if depth[0] < map_.limit_depth[i] * 0.99 and map_.limit_depth[i] % 0.5e-3 > 0.1e-3]
+    low, _, high = ([column[i][0].high for i in inside if map_.limit_depth[i] < 4e-3] for column in steps)
+    ratio = np.array(high) / np.array(low)
+    assert np.median(ratio) == pytest.approx((1 + 0.01 * 45 / 47.5) / (1 - 0.01 * 45 / 47.5), abs=1e-4)

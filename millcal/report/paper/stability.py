@@ -17,6 +17,7 @@ from millcal.report.stability_regions import (
     KINDS,
     Area,
     areas,
+    chances,
     edges,
     inner_crossings,
     stable_stretches,
@@ -114,10 +115,10 @@ def _limits(axes: Any, map_: StabilityMap, rpm: np.ndarray, top: float) -> list[
     columns = stable_stretches(map_)
     stable = areas(rpm, columns)
     shades: list[tuple[Any, str]] = []
-    if map_.probability is not None and map_.probability_depth is not None:
+    if likely := chances(map_):
         patches = []
         for level, ink in zip(LEVELS, SHADES, strict=True):
-            found = areas(rpm, stretches_above(map_.probability_depth, map_.probability, level))
+            found = areas(rpm, stretches_above(likely, level))
             patches.append(filled(found, ink))
             if level in CONTOURS:
                 for edge in edges(found):
