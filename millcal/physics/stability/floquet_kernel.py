@@ -32,9 +32,7 @@ class Problem(NamedTuple):
     table: np.ndarray  # integer (piece,): which of the tables below
     node: np.ndarray  # (table, largest n), 0..1
     inner: np.ndarray  # (table, largest n + 2): nodes of the integrals up to a node, 0..1
-    weight: (
-        np.ndarray
-    )  # (table, n + 1, n + 2, n): of the force at node j in the integral to node i; i = n: of the whole
+    weight: np.ndarray  # (table, n + 1, n + 2, n): integral of polynomial j up to node i; i = n: over the piece
     piece: np.ndarray  # integer (unknown,)
     place: np.ndarray  # integer (unknown,): node within its piece
     row: np.ndarray  # (unknown, 2): what is taken of r, or of r' where `rubs`
@@ -47,76 +45,55 @@ class Problem(NamedTuple):
 
 
 @njit(cache=True)
-def _prepare(p, speed, gamma, phi, evolution, feed, block, power, waves):
+def _prepare(p, speed, gamma, phi, evolution, feed, block, power, ends, waves):
     """The matrices of one speed.
 
     gamma : (unknown, unknown)   phi : (unknown, 2 mode)   evolution : (2 mode, 2 mode)   feed : (2 mode, unknown)
-    block : complex (n + 1, n), power : complex (n + 2,): scratch
+    block : complex (n + 1, n), power : complex (n + 2,), ends : two complex (unknown,): scratch
     waves : gamma S0, gamma S1, feed S0, feed S1, where S0 and S1 are not plain
     """
     unknowns = len(p.piece)
     gamma[:] = 0.0
     evolution[:] = 0.0
+    seen, force = ends
     for m in range(len(p.pole)):
         s = p.pole[m] / speed
-        size = math.sqrt(
-            abs(p.output[m, 0].real) ** 2
-            + p.output[m, 0].imag ** 2
-            + p.output[m, 1].real ** 2
-            + p.output[m, 1].imag ** 2
-        )
-        last = -1.0
+        size = math.hypot(abs(p.output[m, 0]), abs(p.output[m, 1]))
+        for a in range(unknowns):
+            seen[a] = 2 * (p.output[m, 0] * p.row[a, 0] + p.output[m, 1] * p.row[a, 1])
+            force[a] = p.given[m, 0] * p.column[a, 0] + p.given[m, 1] * p.column[a, 1]
+            if p.rubs[a]:
+                seen[a] *= p.pole[m]
+                force[a] /= speed
+        length = -1.0
+        stop = 0
         for piece in range(len(p.start)):
-            length, n = p.length[piece], p.order[piece]
-            if length != last:
+            n = p.order[piece]
+            if p.length[piece] != length:
+                length = p.length[piece]
                 _integrals(s, length, n, p.table[piece], p, block, power, speed)
-                last = length
-            end = p.start[piece] + length
-            to_end = np.exp(s * (p.period - end))
-            for b in range(unknowns):
-                if p.piece[b] != piece:
-                    continue
-                j = p.place[b]
-                force = p.given[m, 0] * p.column[b, 0] + p.given[m, 1] * p.column[b, 1]
-                if p.rubs[b]:
-                    force /= speed
-                at_end = 2 * size * force * to_end * block[n, j]
+            begin, end = stop, p.start[piece] + length
+            while stop < unknowns and p.piece[stop] == piece:
+                stop += 1
+            to_end = 2 * size * np.exp(s * (p.period - end))
+            for b in range(begin, stop):
+                at_end = to_end * force[b] * block[n, p.place[b]]
                 feed[2 * m, b] = at_end.real
                 feed[2 * m + 1, b] = at_end.imag
-                for a in range(unknowns):
-                    if p.piece[a] == piece:
-                        seen = p.output[m, 0] * p.row[a, 0] + p.output[m, 1] * p.row[a, 1]
-                        if p.rubs[a]:
-                            seen *= p.pole[m]
-                        i = p.place[a]
-                        gamma[a, b] += 2 * (
-                            (seen.real * force.real - seen.imag * force.imag) * block[i, j].real
-                            - (seen.real * force.imag + seen.imag * force.real) * block[i, j].imag
-                        )
-            if piece + 1 < len(p.start):
-                for a in range(unknowns):
-                    if p.piece[a] > piece:
-                        angle = _angle(p, a)
-                        seen = p.output[m, 0] * p.row[a, 0] + p.output[m, 1] * p.row[a, 1]
-                        if p.rubs[a]:
-                            seen *= p.pole[m]
-                        seen *= 2 * np.exp(s * (angle - end))
-                        for b in range(unknowns):
-                            if p.piece[b] == piece:
-                                force = p.given[m, 0] * p.column[b, 0] + p.given[m, 1] * p.column[b, 1]
-                                if p.rubs[b]:
-                                    force /= speed
-                                gamma[a, b] += (seen * force * block[n, p.place[b]]).real
+                for a in range(begin, stop):
+                    push = force[b] * block[p.place[a], p.place[b]]
+                    gamma[a, b] += seen[a].real * push.real - seen[a].imag * push.imag
+            for a in range(stop, unknowns):
+                later = seen[a] * np.exp(s * (_angle(p, a) - end))
+                for b in range(begin, stop):
+                    gamma[a, b] += (later * force[b] * block[n, p.place[b]]).real
         for a in range(unknowns):
-            angle = _angle(p, a)
-            seen = (p.output[m, 0] * p.row[a, 0] + p.output[m, 1] * p.row[a, 1]) / size * np.exp(s * angle)
-            if p.rubs[a]:
-                seen *= p.pole[m]
-            phi[a, 2 * m] = seen.real
-            phi[a, 2 * m + 1] = -seen.imag
+            free = seen[a] / (2 * size) * np.exp(s * _angle(p, a))
+            phi[a, 2 * m] = free.real
+            phi[a, 2 * m + 1] = -free.imag
         whole = np.exp(s * p.period)
         evolution[2 * m, 2 * m] = evolution[2 * m + 1, 2 * m + 1] = whole.real
-        evolution[2 * m, 2 * m + 1], evolution[2 * m + 1, 2 * m] = -whole.imag, whole.real * 0.0 + whole.imag
+        evolution[2 * m, 2 * m + 1], evolution[2 * m + 1, 2 * m] = -whole.imag, whole.imag
     for a in range(unknowns):
         for b in range(unknowns):
             if p.piece[a] == p.piece[b] and p.place[a] == p.place[b]:
@@ -395,6 +372,7 @@ def _room(p):
         np.empty((states, unknowns)),
         np.empty((n + 1, n), np.complex128),
         np.empty(n + 2, np.complex128),
+        (np.empty(unknowns, np.complex128), np.empty(unknowns, np.complex128)),
         waves,
         np.empty((unknowns, unknowns)),
         np.empty((unknowns, size)),
@@ -407,16 +385,16 @@ def _room(p):
 @njit(cache=True)
 def matrices(p, speed):
     """Gamma, phi, evolution and feed of one speed, for those who solve in another way."""
-    gamma, phi, evolution, feed, block, power, waves, _, _, _, _, _ = _room(p)
-    _prepare(p, speed, gamma, phi, evolution, feed, block, power, waves)
+    gamma, phi, evolution, feed, block, power, ends, waves, _, _, _, _, _ = _room(p)
+    _prepare(p, speed, gamma, phi, evolution, feed, block, power, ends, waves)
     return gamma, phi, evolution, feed
 
 
 @njit(cache=True)
 def multipliers_of(p, speed, depth):
     """All multipliers of one point.   returns complex (k,)"""
-    gamma, phi, evolution, feed, block, power, waves, left, right, matrix, real, imag = _room(p)
-    _prepare(p, speed, gamma, phi, evolution, feed, block, power, waves)
+    gamma, phi, evolution, feed, block, power, ends, waves, left, right, matrix, real, imag = _room(p)
+    _prepare(p, speed, gamma, phi, evolution, feed, block, power, ends, waves)
     _monodromy(p, depth, gamma, phi, evolution, feed, waves, left, right, matrix)
     n = matrix.shape[0]
     _eigenvalues(matrix, n, real, imag)
@@ -429,11 +407,11 @@ def multipliers_of(p, speed, depth):
 @njit(cache=True)
 def radii(p, speed, depth, out):
     """The largest |mu| of points of many speeds.   speed, depth, out : (point,)"""
-    gamma, phi, evolution, feed, block, power, waves, left, right, matrix, real, imag = _room(p)
+    gamma, phi, evolution, feed, block, power, ends, waves, left, right, matrix, real, imag = _room(p)
     n = matrix.shape[0]
     for i in range(len(speed)):
         if i == 0 or speed[i] != speed[i - 1]:
-            _prepare(p, speed[i], gamma, phi, evolution, feed, block, power, waves)
+            _prepare(p, speed[i], gamma, phi, evolution, feed, block, power, ends, waves)
         _monodromy(p, depth[i], gamma, phi, evolution, feed, waves, left, right, matrix)
         _eigenvalues(matrix, n, real, imag)
         largest = 0.0
@@ -447,12 +425,12 @@ def radii(p, speed, depth, out):
 @njit(cache=True)
 def spectra(p, speed, depth, keep, out):
     """The largest multipliers of points of many speeds, largest first.   out : complex (point, keep)"""
-    gamma, phi, evolution, feed, block, power, waves, left, right, matrix, real, imag = _room(p)
+    gamma, phi, evolution, feed, block, power, ends, waves, left, right, matrix, real, imag = _room(p)
     n = matrix.shape[0]
     size = np.empty(n)
     for i in range(len(speed)):
         if i == 0 or speed[i] != speed[i - 1]:
-            _prepare(p, speed[i], gamma, phi, evolution, feed, block, power, waves)
+            _prepare(p, speed[i], gamma, phi, evolution, feed, block, power, ends, waves)
         _monodromy(p, depth[i], gamma, phi, evolution, feed, waves, left, right, matrix)
         _eigenvalues(matrix, n, real, imag)
         for k in range(n):
@@ -478,7 +456,7 @@ def flips(p, speed, deepest, out, count):
 
     out : (speed, unknown), filled to count, ascending   count : integer (speed,)
     """
-    gamma, phi, evolution, feed, block, power, waves, left, _, _, _, _ = _room(p)
+    gamma, phi, evolution, feed, block, power, ends, waves, left, _, _, _, _ = _room(p)
     unknowns, states = phi.shape
     real, imag = np.empty(unknowns), np.empty(unknowns)
     away = np.empty((states, states))  # -1 - E
@@ -489,7 +467,7 @@ def flips(p, speed, deepest, out, count):
         for k in range(len(p.memory)):
             wave[a, p.memory[k]] += p.before[a, k]
     for i in range(len(speed)):
-        _prepare(p, speed[i], gamma, phi, evolution, feed, block, power, waves)
+        _prepare(p, speed[i], gamma, phi, evolution, feed, block, power, ends, waves)
         for k in range(states):
             for c in range(states):
                 away[k, c] = -evolution[k, c]
