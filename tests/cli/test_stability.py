@@ -357,7 +357,7 @@ def test_table_and_figure_are_written_beside_the_map(run, tmp_path):
 
 
 def test_a_helix_of_the_setup_is_the_maps_and_an_option_goes_before_it(run, tmp_path):
-    """Over one axial pitch of the helix the teeth cut evenly, so that no speed is as the straight cutter's."""
+    """Where the cut is deepest the edge lags by 20 degrees over it, and the limit is a percent off."""
     turned = (SETUP + STRUCTURE).replace("teeth = 3\n", "teeth = 3\nhelix_deg = 40\n")
     (tmp_path / "helix.toml").write_text(turned)
     limits = {}
@@ -368,7 +368,7 @@ def test_a_helix_of_the_setup_is_the_maps_and_an_option_goes_before_it(run, tmp_
         limits[name] = read_result(tmp_path / "map.h5", StabilityMap).limit_depth
     np.testing.assert_allclose(limits["option"], limits["helix"])
     np.testing.assert_allclose(limits["none"], limits["setup"])
-    assert np.all(np.abs(limits["helix"] / limits["setup"] - 1) > 1e-4)
+    assert np.max(np.abs(limits["helix"] / limits["setup"] - 1)) > 5e-3
 
 
 def test_teeth_of_unequal_pitch_are_not_counted_anew_without_their_angles(run, tmp_path):
