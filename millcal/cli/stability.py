@@ -9,6 +9,7 @@ from millcal.cli.speak import Json, Quiet, Seed, check_choice, check_files, keep
 from millcal.cli.stability_input import METHODS, geometry, one_of, read_cutting, read_dynamics, together, why_not
 
 FIGURES = (".png", ".svg", ".pdf")
+MANY, FEW = 400, 60  # speeds of a map, at least; those of cuts in time take long
 
 
 def stability(
@@ -45,7 +46,10 @@ def stability(
         ),
     ] = None,
     points: Annotated[
-        int | None, typer.Option("--points", min=2, help="Speeds of the map; default: at a round step, 400 or more.")
+        int | None,
+        typer.Option(
+            "--points", min=2, help="Speeds of the map; default: at a round step, 400 or more (time-domain: 60)."
+        ),
     ] = None,
     deepest_mm: Annotated[
         float | None, typer.Option("--deepest-mm", help="How deep to look (not zoa); default: by the map itself.")
@@ -171,7 +175,7 @@ def stability(
         "direction": known(direction, "direction", "direction"),
         "feed_per_tooth": feed if feed_per_tooth_mm is None else from_shop(feed_per_tooth_mm, "feed_per_tooth_mm"),
         "spindle_speed": (from_shop(low, "x_rpm"), from_shop(high, "x_rpm")),
-        "points": points or _round_points(low, high),
+        "points": points or _round_points(low, high, FEW if method == "time-domain" else MANY),
         "deepest": None if deepest_mm is None else from_shop(deepest_mm, "deepest_mm"),
         "indentation": from_shop(damping, "x_N_per_mm"),
         "indentation_friction": friction,
@@ -249,8 +253,8 @@ def _drawn(found: Any, others: list, table: Path | None, figure: Path | None) ->
     return files
 
 
-def _round_points(low: float, high: float) -> int:
-    """Speeds of a map with 400 points or more, at a step of 1, 2 or 5 times a power of ten where the range allows."""
+def _round_points(low: float, high: float, least: int = MANY) -> int:
+    """Speeds of a map with so many points or more, at a step of 1, 2 or 5 times a power of ten where the range allows."""
     steps = [mantissa * 10.0**power for power in range(4, -4, -1) for mantissa in (5, 2, 1)]
-    step = next((step for step in steps if (high - low) / step >= 399), steps[-1])
+    step = next((step for step in steps if (high - low) / step >= least - 1), steps[-1])
     return round((high - low) / step) + 1
