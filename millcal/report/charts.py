@@ -39,7 +39,10 @@ class Band:
 
 @dataclass(frozen=True, eq=False)
 class Marks:
-    """Points: dot, ring, square, diamond, cross, dash or, where they are many, point; labels stand above them."""
+    """Points: dot, ring, square, diamond, cross, dash or, where they are many, point; labels stand above them.
+
+    The shape word is the label itself in the place of the point.
+    """
 
     x: np.ndarray
     y: np.ndarray
@@ -238,6 +241,8 @@ def _draw(item: Item, sx: _Scale, sy: _Scale, width: float, height: float) -> li
         places = dict.fromkeys(f"M{svg.number(a)},{svg.number(b)}h0" for a, b in zip(x[good], y[good], strict=True))
         path = f'<path class="marks point {item.kind}" stroke-width="{2 * item.size:g}" d="{"".join(places)}"/>'
         return [path] if places else []
+    if item.shape == "word":
+        return [svg.text(float(x[i]), float(y[i]) + 4, item.labels[i], f"note {item.kind}", "middle") for i in good]
     shapes = "".join(svg.mark(float(x[i]), float(y[i]), item.shape, item.size) for i in good)
     parts = [f'<g class="marks {item.shape} {item.kind}">{shapes}</g>'] if shapes else []
     for i in good[: len(item.labels)]:

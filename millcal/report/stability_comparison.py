@@ -53,7 +53,7 @@ def comparison(maps: Sequence[StabilityMap]) -> Figure:
             continue
         kind = f"by-{map_.method}"
         for edge in bounds(map_):
-            y = np.minimum(edge.y, 3 * top)
+            y = np.minimum(edge.y, min(3 * top, map_.deepest * 1e3))
             kept = simplified(edge.x, y, *fine)
             items.append(Line(edge.x[kept], y[kept], kind))
         key.append((f"line {kind}", name))

@@ -140,7 +140,7 @@ Drawn = tuple[list[Item], list[tuple[str, str]]]  # what is drawn, and what the 
 
 def _bounds(map_: StabilityMap, rpm: np.ndarray, top: float, fine: tuple[float, float]) -> Drawn:
     """The stable area or the levels of the probability, the band, and the bounds by kind.   fine : in mm and rpm"""
-    out_of_sight = 3 * top  # where no limit was found
+    out_of_sight = min(3 * top, map_.deepest * 1e3)  # where no limit was found
 
     def shown(depth: np.ndarray) -> np.ndarray:
         return np.minimum(np.where(np.isnan(depth), out_of_sight, depth * 1e3), out_of_sight)
@@ -148,7 +148,7 @@ def _bounds(map_: StabilityMap, rpm: np.ndarray, top: float, fine: tuple[float, 
     def filled(found: Sequence[Area], kind: str) -> Band:
         pieces = []
         for area in found:
-            low, high = (np.minimum(shown(end), map_.deepest * 1e3) for end in (area.low, area.high))
+            low, high = shown(area.low), shown(area.high)
             kept = np.union1d(simplified(area.x, low, *fine), simplified(area.x, high, *fine))
             pieces += [np.stack([area.x, low, high])[:, kept], np.full((3, 1), np.nan)]
         return Band(*(np.concatenate(pieces, axis=1) if pieces else np.empty((3, 0))), kind)
@@ -284,9 +284,8 @@ def _simulated(map_: StabilityMap) -> Drawn:
             key.append((f"marks {shape} {kind}", f"simulated: {word}"))
     repeating = period > 1
     if repeating.any():
-        places = zip(n[repeating], b[repeating], period[repeating], strict=True)
-        down = 4.0 * depth_drawn(map_) * 1e3 / HEIGHT  # so that the figure's middle is its place
-        items += [Note(float(x), float(y) - down, f"{p:.0f}", kind="note period") for x, y, p in places]
+        numbers = [f"{p:.0f}" for p in period[repeating]]
+        items.append(Marks(n[repeating], b[repeating], "period", "word", numbers))
         key.append(("digit", f"simulated: repeats every so many {several}"))
     return items, key
 

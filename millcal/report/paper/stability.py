@@ -100,7 +100,7 @@ def stability_map(map_: StabilityMap) -> Any:
 
 def _limits(axes: Any, map_: StabilityMap, rpm: np.ndarray, top: float) -> list[tuple[Any, str]]:
     """The area, the band and the bounds; returns what the legend says of them."""
-    out_of_sight = 3 * top  # where no limit was found
+    out_of_sight = min(3 * top, map_.deepest * 1e3)  # where no limit was found
 
     def shown(depth: np.ndarray) -> np.ndarray:
         return np.minimum(np.where(np.isnan(depth), np.inf, depth) * 1e3, out_of_sight)
@@ -155,23 +155,25 @@ def _tried(axes: Any, map_: StabilityMap) -> list[tuple[Any, str]]:
     entries = []
     if (cuts := map_.simulated) is not None:
         several = "teeth" if cuts.per == "tooth" else "revolutions"
+        told: dict[str, Any] = {}
         for period in np.unique(cuts.period):
             n, b = rpm_of(cuts.spindle_speed[cuts.period == period]), cuts.axial_depth[cuts.period == period] * 1e3
-            look: dict[str, Any] = {"marker": f"${period:.0f}$", "color": PURPLE, "markersize": 4}
-            text = f"simulated: every {period:.0f} {several}"
+            look: dict[str, Any] = {"marker": f"${period:.0f}$", "color": PURPLE, "markersize": 4 if period < 10 else 6}
+            text = f"simulated: repeats every so many {several}"
             if period == 1:
                 look, text = {"marker": "s", "color": GREEN, "markersize": 2}, "simulated: stable"
             elif period == 0:
                 look, text = {"marker": "_", "color": PURPLE, "markersize": 3}, "simulated: chatter"
-            (marks,) = axes.plot(n, b, linestyle="none", markeredgewidth=0.7 if period < 1 else 0.2, zorder=3.5, **look)
-            entries.append((marks, text))
+            look |= {"markeredgewidth": 0.7 if period < 1 else 0.2, "zorder": 3.5, "clip_on": False}
+            told.setdefault(text, axes.plot(n, b, linestyle="none", **look)[0])
+        entries += [(marks, text) for text, marks in told.items()]
     if (tests := map_.tests) is not None:
         for stable, marker, ink, text in ((True, "o", GREEN, "stable"), (False, "x", RED, "chatter")):
             which = (tests.stable > 0) == stable
             if which.any():
                 n, b = rpm_of(tests.spindle_speed[which]), tests.axial_depth[which] * 1e3
                 look = {"markerfacecolor": "none", "markeredgecolor": ink, "markeredgewidth": 1.0, "markersize": 4.5}
-                (marks,) = axes.plot(n, b, linestyle="none", marker=marker, zorder=4, **look)
+                (marks,) = axes.plot(n, b, linestyle="none", marker=marker, zorder=4, clip_on=False, **look)
                 entries.append((marks, f"cut made: {text}"))
     return entries
 
@@ -206,7 +208,7 @@ def comparison(maps: Sequence[StabilityMap]) -> Any:
         name, ink, style, width = BY_METHOD.get(map_.method, (map_.method, sheet.MUTED, ":", 0.8))
         look = {"color": ink, "linestyle": style, "linewidth": width, "zorder": 2.5 + 0.1 * number}
         for edge in bounds(map_):
-            axes.plot(edge.x, np.minimum(edge.y, 3 * top), **look)
+            axes.plot(edge.x, np.minimum(edge.y, min(3 * top, map_.deepest * 1e3)), **look)
         entries.append((axes.plot([], [], **look)[0], name))
     axes.tick_params(axis="x", pad=5)  # the first number stands in the corner beside the 0
     sheet.scale(axes, "x", ends, label="spindle speed (rpm)", most=8)
