@@ -17,7 +17,7 @@ from millcal.physics.stability.regeneration import Crossings, Regeneration
 from millcal.physics.stability.stable_depths import edge_table
 from millcal.stages.stability.coefficients import cutting_draws, edge_force, tangential_law
 from millcal.stages.stability.cuts import held_against, simulated_over
-from millcal.stages.stability.method import Asked, Method, Sampling
+from millcal.stages.stability.method import Asked, Method, Sampling, Solve
 from millcal.stages.stability.methods import DEEPER, METHODS, OVER_MINIMUM
 from millcal.stages.stability.operating import SAFE, Columns, judged
 from millcal.stages.stability.pockets import best_speeds, pockets
@@ -125,7 +125,8 @@ def map_stability(
     chosen = METHODS[method](dynamics, asked)
 
     speeds = np.linspace(low, high, points)
-    solution = chosen.solve(speeds, cut, lambda share: progress(0.02 + 0.38 * share, "limit"))
+    closely = chosen.with_noise if rng is not None and members > 1 and chosen.with_noise else chosen.solve
+    solution = closely(speeds, cut, lambda share: progress(0.02 + 0.38 * share, "limit"))
     table = edge_table(solution.edges, points)
 
     def edges_at(some: np.ndarray) -> np.ndarray:
@@ -133,7 +134,7 @@ def map_stability(
 
     tops = pockets(lambda some: edges_at(some)[:, 0], speeds, table[:, 0], chosen.deepest, chosen.refine)
     extra = np.concatenate([tops, marked])
-    beside, noise, told = _beside(chosen, cut, extra)
+    beside, noise, told = _beside(chosen, closely, cut, extra)
     notices += told
     beside_table = edge_table(beside, len(extra))
     everywhere = np.concatenate([speeds, extra])
@@ -141,7 +142,8 @@ def map_stability(
 
     spread = None
     if rng is not None and members > 1:
-        at = band_speeds(speeds, extra, chosen.band_speeds)
+        dear = chosen.draw is not None or draws is not None  # else the noise is known at every speed
+        at = band_speeds(speeds, extra, chosen.band_speeds if dear else None)
         order = np.argsort(everywhere, kind="stable")
         chosen_speeds = order[np.searchsorted(everywhere[order], at)]
         known = None if solution.inverse_sd is None or noise is None else np.concatenate([solution.inverse_sd, noise])
@@ -215,15 +217,17 @@ def map_stability(
             *notices,
             *chosen.notices,
             *solution.notices,
-            *(chosen.told(speeds, solution) if chosen.told else []),
+            *(chosen.told(speeds, solution, rng) if chosen.told else []),
             *_feed_notices(feed_per_tooth),
         ]),
     )  # fmt: skip
 
 
-def _beside(chosen: Method, cut: Regeneration, speeds: np.ndarray) -> tuple[Crossings, np.ndarray | None, list[Notice]]:
+def _beside(
+    chosen: Method, solve: Solve, cut: Regeneration, speeds: np.ndarray
+) -> tuple[Crossings, np.ndarray | None, list[Notice]]:
     """Edges at the speeds that matter most, where a method has a second way to them by that; and what the first one missed."""
-    solution = chosen.solve(speeds, cut, lambda share: None)
+    solution = solve(speeds, cut, lambda share: None)
     if chosen.check is None or not len(speeds):
         return solution.edges, solution.inverse_sd, []
     checked = chosen.check(speeds, cut)

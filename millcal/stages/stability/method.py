@@ -50,19 +50,23 @@ class Sampling(NamedTuple):
     progress: Progress
 
 
+Solve = Callable[[np.ndarray, Regeneration, Progress], Solution]  # spindle speed (speed,) rad/s
+
+
 @dataclass(frozen=True, eq=False)
 class Method:
     """A method on a structure."""
 
     name: str
-    solve: Callable[[np.ndarray, Regeneration, Progress], Solution]  # spindle speed (speed,) rad/s
+    solve: Solve
     deepest: float  # m: how deep it looks
     minimum: Callable[[Regeneration], tuple[float, float]] | None = None  # over every speed: depth m, frequency Hz
+    with_noise: Solve | None = None  # `solve`, and the noise of the lines
     refine: tuple[int, int] = (3, 21)  # rounds, and speeds in each, with which a pocket is looked at again
     ratios: int = 2  # K_rc / K_tc at which draws of coefficients are solved,
     strengths: int = 1  # and K_tc; 1: depths go with 1 / K
     draw: Callable[[Sampling], np.ndarray] | None = None  # structures as they may be: edges (member, speed, edge) m
     band_speeds: int | None = None  # speeds of the band; None: all
     check: Callable[[np.ndarray, Regeneration], Crossings] | None = None  # edges at a few speeds, found another way
-    told: Callable[[np.ndarray, Solution], list[Notice]] | None = None  # what the map's speeds leave open
+    told: Callable[[np.ndarray, Solution, np.random.Generator | None], list[Notice]] | None = None  # of the whole map
     notices: tuple[Notice, ...] = ()

@@ -8,6 +8,7 @@ How deep the last three look is taken from what zoa says of the same structure, 
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from millcal.errors import IllPosedError
 from millcal.physics.stability import zero_order
 from millcal.physics.stability.regeneration import HOPF, Crossings, Regeneration
 from millcal.physics.stability.stable_depths import edge_table, edges_of
-from millcal.stages.stability.lines import tip_of_lines
+from millcal.stages.stability.lines import tip_of_lines, usable_lines
 from millcal.stages.stability.method import Asked, Method, Progress, Sampling, Solution
 from millcal.stages.stability.modes import poles_of_modes, tip_of_modes
 from millcal.stages.stability.spread import joined
@@ -25,12 +26,13 @@ from millcal.units import to_shop
 
 RATIOS = 41  # K_rc / K_tc at which the zero-order limit is solved exactly for the band
 FLOQUET_RATIOS = 13
-FRF_RATIOS = 5
+FRF_RATIOS = 4
 STRUCTURES = 1000  # draws of fitted modes, at most: of zoa, and of floquet where one mode moves,
 FLOQUET_STRUCTURES = 200  # where several do,
 SLOW_STRUCTURES = 60  # and with a helix or unequal pitch
 SKETCH = {"depths": 8, "tolerance": 1e-3, "depth_tolerance": 1e-6}  # of `boundary`, for draws that spread much wider
 BAND_SPEEDS = 120  # speeds of the band of the slower methods,
+FRF_SPEEDS = 60  # of frf,
 DRAWN_SPEEDS = 80  # where every draw is another structure,
 SLOW_SPEEDS = 40  # and with a helix or unequal pitch
 LOOKED = 200  # speeds at which zoa is asked how deep to look
@@ -52,9 +54,13 @@ def zoa(dynamics: Frf | Modes, asked: Asked) -> Method:
         found = np.flatnonzero(limit.depth < deepest)
         kind, loses = np.full(len(found), HOPF), np.ones(len(found), bool)
         edges = Crossings(found, limit.depth[found], kind, limit.frequency[found], loses)
-        # The noise of the lines is asked for with the mean of the coefficients alone.
-        noise = None if tip.inverse_sd is None or cut != asked.cut else tip.inverse_sd(speeds, matrix, limit)
-        return Solution(edges, edges, noise)
+        return Solution(edges, edges)
+
+    def with_noise(speeds: np.ndarray, cut: Regeneration, progress: Progress) -> Solution:
+        assert tip.inverse_sd is not None
+        matrix = _mean_matrix(cut)
+        limit = tip.solve(speeds, matrix)
+        return solve(speeds, cut, progress)._replace(inverse_sd=tip.inverse_sd(speeds, matrix, limit))
 
     def draw(sampling: Sampling) -> np.ndarray:
         assert tip.draws is not None
@@ -75,11 +81,12 @@ def zoa(dynamics: Frf | Modes, asked: Asked) -> Method:
     return Method(
         name="zoa",
         solve=solve,
+        with_noise=None if tip.inverse_sd is None else with_noise,
         deepest=deepest,
         minimum=lambda cut: tip.minimum(_mean_matrix(cut)),
         ratios=RATIOS,
         draw=None if tip.draws is None else draw,
-        told=lambda speeds, solution: _band_notices(tip, speeds, _mean_matrix(cut), solution),
+        told=lambda speeds, solution, rng: _band_notices(tip, speeds, _mean_matrix(cut), solution),
         notices=(*tip.notices, *_left_out_by_zero_order(cut)),
     )
 
@@ -136,14 +143,14 @@ def floquet(dynamics: Frf | Modes, asked: Asked) -> Method:
         check=None
         if asked.cut.wind
         else check,  # a matrix that depends on the depth has no eigenvalues to go round with
-        told=lambda speeds, solution: _against(first, asked.cut, speeds, solution, deepest, "floquet"),
+        told=lambda speeds, solution, rng: _against(first, asked.cut, speeds, solution, deepest, "floquet"),
         notices=(*_of_the_structure(first), *poles.notices, *notices, *_left_out_by_floquet(asked.cut)),
     )
 
 
 def frf(dynamics: Frf | Modes, asked: Asked) -> Method:
     """The same as floquet with the lines of an FRF instead of poles."""
-    from millcal.stages.stability.from_frf import crossings_of_frf
+    from millcal.stages.stability.from_frf import NINETY_FIVE, crossings_of_frf, moved_by_noise
 
     if not isinstance(dynamics, Frf):
         raise IllPosedError(
@@ -162,24 +169,36 @@ def frf(dynamics: Frf | Modes, asked: Asked) -> Method:
     first = zoa(dynamics, asked)
     deepest, notices = _look_to(first, asked)
 
+    lines, _ = usable_lines(dynamics, asked.rigid)
+    # The band is where the noise, which is left out here, lets the lines be known.
+    bare = replace(dynamics, variance=None, usable_band=(float(lines.frequency[0]), float(lines.frequency[-1])))
+
     def solve(speeds: np.ndarray, cut: Regeneration, progress: Progress) -> Solution:
+        found, *_ = crossings_of_frf(bare, speeds, cut, deepest=deepest, rigid=asked.rigid, progress=progress)
+        return Solution(found, edges_of(found, complete=True))
+
+    def with_noise(speeds: np.ndarray, cut: Regeneration, progress: Progress) -> Solution:
         found, low, high, told = crossings_of_frf(
             dynamics, speeds, cut, deepest=deepest, rigid=asked.rigid, progress=progress
         )
-        noise = None
-        if low is not None and high is not None:
-            with np.errstate(invalid="ignore", divide="ignore"):
-                noise = np.nan_to_num((1 / low - 1 / high) / (2 * 1.96), posinf=0.0, neginf=0.0)
-        return Solution(found, edges_of(found, complete=True), noise, notices=tuple(told))
+        noise = None if low is None or high is None else (1 / low - 1 / high) / (2 * NINETY_FIVE)
+        return Solution(found, edges_of(found, complete=True), noise, notices=told)
+
+    def told(speeds: np.ndarray, solution: Solution, rng: np.random.Generator | None) -> list[Notice]:
+        notices = _against(first, cut, speeds, solution, deepest, "frf")
+        if rng is not None and solution.inverse_sd is not None:
+            notices += moved_by_noise(dynamics, speeds, cut, deepest=deepest, rng=rng, rigid=asked.rigid)
+        return notices
 
     return Method(
         name="frf",
         solve=solve,
+        with_noise=with_noise,
         deepest=deepest,
-        refine=(1, 9),
+        refine=(1, 7),
         ratios=FRF_RATIOS,
-        band_speeds=BAND_SPEEDS,
-        told=lambda speeds, solution: _against(first, cut, speeds, solution, deepest, "frf"),
+        band_speeds=FRF_SPEEDS,
+        told=told,
         notices=(*_of_the_structure(first), *notices),
     )
 
@@ -208,7 +227,7 @@ def time_domain(dynamics: Frf | Modes, asked: Asked) -> Method:
         solve=solve,
         deepest=deepest,
         refine=(0, 0),
-        told=lambda speeds, solution: _against(first, asked.cut, speeds, solution, deepest, "time-domain"),
+        told=lambda speeds, solution, rng: _against(first, asked.cut, speeds, solution, deepest, "time-domain"),
         notices=(
             *_of_the_structure(first),
             *poles.notices,
