@@ -10,6 +10,8 @@ import sys
 from importlib.metadata import version
 from pathlib import Path
 
+from convergence import convergence
+from floquet import floquet
 from followed_cut import followed_cut
 from force import force
 from forces import forces
@@ -29,6 +31,8 @@ SECTIONS = {
     "Force and coefficients": force,
     "Impact tests": impact,
     "Stability map": stability,
+    "Floquet": floquet,
+    "Convergence": convergence,
     "Stability of many draws": stability_draws,
     "Time domain": time_domain,
     "Trends": trends,
