@@ -21,6 +21,7 @@ from millcal.errors import RecordingError
 from millcal.numerics import spectra
 from millcal.numerics.residual_lines import residual_spectra
 from millcal.numerics.spectra import Cycle
+from millcal.numerics.straighten import straightened
 from millcal.numerics.tones import Tone
 from millcal.stages.judge.alternation import alternation, expected_chips
 from millcal.stages.judge.remains import Remains, course, falls_off, look
@@ -34,11 +35,12 @@ from millcal.stages.judge.signal import (
 )
 from millcal.stages.judge.speed import FAR_FROM_STATED, refined_cycle
 from millcal.stages.judge.strobes import once_per_tooth
-from millcal.stages.judge.verdict import Finding, judged
+from millcal.stages.judge.verdict import WITH_COMPANY, Finding, judged
 
 __all__ = ["judge_cut"]
 
 MOST_CHANNELS = 6
+HARMONICS = 6  # of the tooth passing, by which a wandering speed is followed
 MOST_PEAKS = 12
 SMALLEST_PEAK = 1e-3  # of the power
 TOLD = 0.005  # share of the power of a tone that is not the cut's, from which it is told
@@ -49,6 +51,8 @@ FLASHES = 2000  # of the motion once per tooth that are kept
 SEEN_UP_TO = 0.45  # of the sample rate
 LOW = 1000.0  # Hz: tools vibrate above it as a rule
 PASSINGS = 5  # tooth passings that a spectrum should hold
+LATE = 0.3  # share of the cut that is looked at by itself, where the whole shows nothing
+FEWEST_LATE = 12  # revolutions of it
 GROWS = 3.0  # of the alternating lines over those of the tooth passing, from the first third to the last
 DOUBTFUL_MODE = 0.2  # relative distance of a chatter frequency from all modes, from which another alias is looked for
 
@@ -85,7 +89,7 @@ def judge_cut(
     tell(0.0, "cut and air")
     teeth, stated = _stated(recording, teeth, spindle_speed, where)
     rows = surveyed = judged_rows(recording, channel, where)[:MOST_CHANNELS]
-    stretch = cutting_stretch(recording, rows, stated / rate, steady, where, note)
+    stretch = cutting_stretch(recording, rows, stated / rate, teeth, steady, where, note)
     samples = reader(recording, rows)(stretch.start, stretch.stop)
     for row, signal in zip(rows, samples, strict=True):
         refuse_what_is_no_number(signal, stretch.start, rate, where, recording.channels[row].name)
@@ -93,23 +97,45 @@ def judge_cut(
     if not moving.any():
         raise RecordingError(f"{where}: the signal never changes during the cut; check the channel")
     rows, samples = [row for row, there in zip(rows, moving, strict=True) if there], samples[moving]
+    recorded = samples
 
     tell(0.2, "spindle speed")
     cycle, follows = refined_cycle(recording, samples, stretch.start, stated / rate, teeth, note)
+    straight = straightened(samples, cycle.cycle, harmonics=HARMONICS, every=teeth) if follows else None
+    if straight is not None:
+        samples = straight[0]
+        note(
+            "speed-wander",
+            f"the speed wanders: the signal is read at even steps of the spindle angle, which {straight[1]:.0%} more of its power "
+            "follows",
+            "note",
+        )
     revolutions = (stretch.stop - stretch.start) * cycle.cycle
 
     tell(0.5, "what does not follow the teeth")
     air = None if stretch.air is None else reader(recording, rows)(*stretch.air)
     if air is not None and not np.isfinite(air).all():
         air = None
-    looks = [
-        look(row, signal, None if air is None else air[i], cycle.cycle, cycle.sd, teeth, rate)
-        for i, (row, signal) in enumerate(zip(rows, samples, strict=True))
-    ]
-    found = max(looks, key=lambda one: (one.share >= 0.02) * one.share + 1e-6 * _alternating_share(one, teeth))
+    quiet = [None] * len(rows) if air is None else list(air)
+    known = {"cycle": cycle.cycle, "cycle_sd": cycle.sd, "teeth": teeth, "rate": rate}
+    looks = [look(row, signal, calm, **known) for row, signal, calm in zip(rows, samples, quiet, strict=True)]
+    late = int(LATE * samples.shape[1])
+    if max(one.share for one in looks) < WITH_COMPANY and late * cycle.cycle >= FEWEST_LATE:
+        # a spectrum under a window sees little of what begins at the end
+        ends = [look(row, y[-late:], calm, **known) for row, y, calm in zip(rows, samples, quiet, strict=True)]
+        if max(one.share for one in ends) >= WITH_COMPANY:
+            looks = ends
+            stretch = stretch._replace(start=stretch.stop - late)
+            revolutions = late * cycle.cycle
+            note(
+                "late",
+                f"what is told is of the end of the cut, from {stretch.start / rate:.4g} s: it begins there",
+                "note",
+            )
+    found = max(looks, key=lambda one: (one.share >= WITH_COMPANY) * one.share + 1e-6 * _alternating_share(one, teeth))
     drive = 1 if recording.cutter is not None and _uneven(recording.cutter.pitch) else teeth
     note_clipping(
-        samples[rows.index(found.row)],
+        recorded[rows.index(found.row)],
         recording.channels[found.row].full_scale,
         recording.channels[found.row].name,
         note,

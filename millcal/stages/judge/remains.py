@@ -20,6 +20,7 @@ IN_AIR = 0.5  # of the amplitude in the cut: the tone is the machine's
 HUM = (50.0, 60.0)  # Hz
 HIGHEST_HUM = 650.0  # Hz
 LARGEST_HUM = 0.1  # of the power: more is no hum
+ALONE = 0.05  # of its power, that its company may have
 OVERTONES = 4  # of the chatter frequency that belong to it
 FOLDS = 3
 LARGEST_FOLDED = 0.3  # share of the power: more is no high harmonic folded
@@ -151,7 +152,8 @@ def _not_of_the_cut(
     heard = air is not None and len(air) > 16 / cycle
     if heard and amplitude_at(air, tone.frequency) > IN_AIR * np.sqrt(2 * tone.power):
         return "heard in the air as well: the machine's"
-    if share < LARGEST_HUM and tone.frequency * rate < HIGHEST_HUM and len(group) == 1:
+    alone = sum(other.power for other in group[1:]) < ALONE * tone.power
+    if share < LARGEST_HUM and tone.frequency * rate < HIGHEST_HUM and alone:
         for hum in HUM:
             if folded(tone.frequency * rate, hum) < rate * (0.3 / size + 3 * tone.deviation):
                 return f"a multiple of {hum:g} Hz: hum of the mains"

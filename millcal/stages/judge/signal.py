@@ -7,6 +7,7 @@ import numpy as np
 
 from millcal.data import Recording
 from millcal.errors import RecordingError
+from millcal.numerics import spectra
 from millcal.numerics.revolutions import Samples, Survey, longest, stretches, survey_record
 
 Note = Callable[..., None]  # takes code, sentence and level of a notice
@@ -20,8 +21,10 @@ QUANTITIES = (
 )  # the first that is there is judged
 PATH = "path"  # dof of a channel that says where the tool is on its path
 MOST_SAMPLES = 1 << 22  # of a channel, that are judged
-PARTED = 2.0  # times as strong is the cut as the air, in the mean of either
-EVEN = 0.25  # of log strength: as even is the air
+HARMONICS, ORDERS = 2, 4  # of the teeth, and of the spindle if these are more, that tell the cut from the air
+FRAME = 8  # turns of one spectrum
+PARTED = 2.5  # times as strong they are in the cut, in the mean of either
+FOLLOWS = 0.3  # share of the power in them, from which it is no air
 BRIDGE = 3  # revolutions
 FEWEST = 3  # revolutions
 STILL = 4  # samples in a row at the same extreme value
@@ -63,11 +66,19 @@ class Stretch(NamedTuple):
 
 
 def cutting_stretch(
-    recording: Recording, rows: list[int], cycle: float, steady: tuple[float, float] | None, where: str, note: Note
+    recording: Recording,
+    rows: list[int],
+    cycle: float,
+    teeth: int,
+    steady: tuple[float, float] | None,
+    where: str,
+    note: Note,
 ) -> Stretch:
-    """The stretch that is stated, else the longest that is stronger than the air, without its ends.
+    """The stretch that is stated, else the longest in which the teeth are heard, without its ends.
 
-    Chatter grows, so a cut need not be steady: only what is even and far weaker is air.   cycle : turns per sample
+    Chatter grows and the machine hums, so loud and quiet tell little: where the harmonics of the teeth are far weaker is air.
+
+    cycle : turns per sample
     """
     length, rate = recording.samples.shape[1], recording.sample_rate
     survey = survey_record(reader(recording, rows), length, 1 / cycle)
@@ -79,7 +90,7 @@ def cutting_stretch(
         )
     if not np.nanmax(strength) > 0:
         raise RecordingError(f"{where}: the signal never changes; check the channel")
-    cut = _stronger_than_air(strength)
+    cut = _of_the_cut(strength, *_of_the_teeth(reader(recording, rows), survey, cycle, teeth))
     found = longest(stretches(cut, bridge=BRIDGE))
     air = _air(strength, cut, survey)
     steady = steady if steady is not None else recording.steady
@@ -113,10 +124,39 @@ def cutting_stretch(
     return Stretch(start, stop, air, survey)
 
 
-def _stronger_than_air(strength: np.ndarray) -> np.ndarray:
-    """Revolutions of the cut: all where nothing is far weaker and even.   returns bool (revolution,)"""
-    usable = np.isfinite(strength) & (strength > 0)
-    log = np.sort(np.log(strength[usable]))
+def _of_the_teeth(read: spectra.Reader, survey: Survey, cycle: float, teeth: int) -> tuple[np.ndarray, np.ndarray]:
+    """Turn by turn, rms of the lowest harmonics of the teeth, and what share of the power that is; both (revolution,).
+
+    From spectra of some turns under a window: a tone beside the harmonics must not pass for one.
+    """
+    turns = len(survey.strength)
+    size = round(FRAME / cycle)
+    if turns < 2 * FRAME:
+        return survey.strength, np.ones(turns)
+    window = np.hanning(size + 1)[:-1]
+    starts = np.arange(0, int(survey.edges[-1]) - size + 1, size // 2)
+    order = teeth * np.arange(1, max(HARMONICS, ORDERS // teeth) + 1)
+    order = order[order * cycle < 0.45]
+    power, share = np.zeros(len(starts)), np.zeros(len(starts))
+    for i, start in enumerate(starts):
+        y = read(start, start + size)
+        spectrum = np.abs(np.fft.rfft((y - y.mean(axis=1, keepdims=True)) * window)) ** 2
+        for p in order:
+            middle, reach = p * cycle * size, max(1.0, 0.012 * p * cycle * size)
+            low, high = int(np.floor(middle - reach)), int(np.ceil(middle + reach)) + 1
+            power[i] += spectrum[:, low:high].max(axis=1).sum() * 3.0  # all of the line, by its highest
+        share[i] = power[i] / max(2 * float(spectrum[:, 1:].sum()), 1e-300)
+    at = (starts + size / 2) * cycle - 0.5
+    turn = np.arange(turns)
+    return np.interp(turn, at, np.sqrt(power)), np.interp(turn, at, share)
+
+
+def _of_the_cut(strength: np.ndarray, of_teeth: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Revolutions of the cut: all, unless some are far weaker in the harmonics of the teeth, evenly so, and hold little else of
+    them.   returns bool (revolution,)
+    """
+    usable = np.isfinite(strength) & (strength > 0) & np.isfinite(of_teeth) & (of_teeth > 0)
+    log = np.sort(np.log(of_teeth[usable]))
     n = len(log)
     if n < 6:
         return usable
@@ -124,12 +164,10 @@ def _stronger_than_air(strength: np.ndarray) -> np.ndarray:
     low = np.cumsum(log)[:-1] / count
     high = (log.sum() - np.cumsum(log)[:-1]) / (n - count)
     at = int(np.argmax(count * (n - count) * (high - low) ** 2))
-    quiet = log[: at + 1]
-    apart = high[at] - low[at]
-    spread = float(np.subtract(*np.quantile(quiet, [0.75, 0.25])))
-    if apart < np.log(PARTED) or spread > EVEN:
+    weak = usable & (np.log(np.where(usable, of_teeth, 1.0)) <= (low[at] + high[at]) / 2)
+    if high[at] - low[at] < np.log(PARTED) or np.median(share[weak]) > FOLLOWS:
         return usable
-    return usable & (np.log(np.where(usable, strength, 1.0)) > (low[at] + high[at]) / 2)
+    return usable & ~weak
 
 
 def _air(strength: np.ndarray, cut: np.ndarray, survey: Survey) -> Samples | None:

@@ -1,0 +1,306 @@
+"""A cut is judged by what does not repeat with its teeth; what a record cannot tell is said."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from millcal.data import Channel, Recording
+from millcal.errors import RecordingError
+from millcal.physics.cutter import Cutter, CuttingConditions
+from millcal.stages.judge import judge_cut
+
+RATE = 12_800.0
+SPINDLE = 100.37  # Hz
+
+
+def cut(
+    lines=(),
+    *,
+    teeth=4,
+    spindle=SPINDLE,
+    seconds=2.0,
+    noise=0.02,
+    runout=0.2,
+    rate=RATE,
+    quantity="acceleration",
+    unit="m/s^2",
+    air=0.0,
+    envelope=None,
+    seed=0,
+    alternating=0.0,
+    stated=None,
+):
+    """Harmonics of teeth and of runout, and lines of (Hz, amplitude), with company a tooth passing away.
+
+    runout : amplitude of the spindle's harmonics beside those of the teeth   envelope : of the lines, function of time
+    alternating : amplitude at odd multiples of half the tooth passing
+    """
+    rng, time = np.random.default_rng(seed), np.arange(round(seconds * rate)) / rate
+    y = np.zeros(len(time))
+    for k in range(1, min(10 * teeth, int(0.45 * rate / spindle))):
+        size = 1.0 if k % teeth == 0 else runout if k % teeth in (1, teeth - 1) else 0.0
+        if teeth % 2 == 0 and k % teeth == teeth // 2:
+            size = max(size, alternating)
+        y += size / (1 + k / teeth) * np.cos(2 * np.pi * k * spindle * time + rng.uniform(0, 6.28))
+    grow = np.ones(len(time)) if envelope is None else envelope(time)
+    for frequency, amplitude in lines:
+        y += grow * amplitude * np.cos(2 * np.pi * frequency * time + rng.uniform(0, 6.28))
+    y = np.concatenate([np.zeros(round(air * rate)), y])
+    y += noise * rng.normal(size=len(y))
+    return Recording(
+        samples=y[np.newaxis],
+        sample_rate=rate,
+        channels=(Channel("s", quantity, unit, "tipX"),),
+        name="cut.h5",
+        cutter=Cutter(diameter=12e-3, teeth=teeth),
+        conditions=CuttingConditions(2 * np.pi * (stated or spindle), 0.1e-3, 1e-3, 3e-3, "down"),
+    )
+
+
+def company(frequency, amplitude=1.0, teeth=4, spindle=SPINDLE):
+    """A chatter line and its neighbours a tooth passing to either side."""
+    passing = teeth * spindle
+    return [(frequency, amplitude), (frequency + passing, 0.3 * amplitude), (abs(frequency - passing), 0.3 * amplitude)]
+
+
+def codes(found):
+    return {notice.code for notice in found.notices}
+
+
+def test_a_cut_that_repeats_with_every_tooth_is_stable_whatever_its_runout():
+    for runout in (0.0, 0.5, 2.0):
+        found = judge_cut(cut(runout=runout, stated=1.005 * SPINDLE))
+        assert (found.verdict, found.period) == ("stable", 1), found.why
+        assert found.spindle_frequency == pytest.approx(SPINDLE, rel=1e-5)
+        assert found.chatter_frequency is None
+        assert found.metric_relative < 0.15
+
+
+def test_chatter_is_found_at_its_frequency_and_points_to_its_speeds():
+    found = judge_cut(cut(company(918.4)))
+    assert (found.verdict, found.period) == ("chatter", None)
+    assert found.chatter_frequency == pytest.approx(918.4, abs=3 * found.chatter_frequency_sd)
+    assert found.chatter_frequency_sd < 0.1
+    rpm = 60 * np.array(found.stable_speeds) / (2 * np.pi)
+    assert rpm[:3] == pytest.approx(60 * 918.4 / (4 * np.arange(1, 4)), rel=1e-4)
+    assert found.spindle_frequency == pytest.approx(SPINDLE, rel=1e-5)
+
+
+def test_the_lobes_of_a_published_sound_of_chatter():
+    """Six teeth at a tooth passing of 165.6 Hz with chatter at 898.8 Hz: 8988, 4494, 2996, 2247 rpm."""
+    spindle = 165.6 / 6
+    found = judge_cut(
+        cut(
+            company(898.8, 2.0, 6, spindle), teeth=6, spindle=spindle, seconds=3.0, quantity="sound_pressure", unit="Pa"
+        )
+    )
+    assert found.verdict == "chatter"
+    assert 60 * np.array(found.stable_speeds[:4]) / (2 * np.pi) == pytest.approx([8988, 4494, 2996, 2247], rel=1e-4)
+
+
+@pytest.mark.parametrize("offset", [0.03, 0.1, 0.47])
+def test_chatter_beside_a_harmonic_of_the_spindle_is_seen(offset):
+    """offset : in turns of the spindle"""
+    f = (9 + offset) * SPINDLE
+    found = judge_cut(cut(company(f), seconds=3.0))
+    assert found.verdict == "chatter", found.why
+    assert found.chatter_frequency == pytest.approx(f, abs=0.2)
+
+
+@pytest.mark.parametrize(("teeth", "n"), [(1, 2), (3, 2), (4, 3), (5, 2)])
+def test_a_line_at_a_fraction_of_the_tooth_passing_is_a_motion_of_that_period(teeth, n):
+    passing = teeth * SPINDLE
+    f = (round(900 / passing) + 1 / n) * passing
+    found = judge_cut(cut(company(f, 1.0, teeth), teeth=teeth, seconds=2.0))
+    assert (found.verdict, found.period) == ("period-n", n), found.why
+
+
+def test_every_other_tooth_of_four_that_cuts_otherwise_is_a_flip():
+    found = judge_cut(cut(alternating=2.0, runout=0.1))
+    assert (found.verdict, found.period) == ("period-n", 2), found.why
+    assert found.chatter_frequency / SPINDLE % 4 == pytest.approx(2.0, abs=1e-3)
+    assert found.metric > 0
+
+
+def test_with_two_teeth_a_flip_and_strong_runout_look_the_same_and_that_is_said():
+    found = judge_cut(cut(teeth=2, alternating=1.0))
+    assert found.verdict == "not known"
+    assert "runout" in found.why
+    assert "flip" in found.why
+
+
+def test_a_measured_runout_tells_the_two_apart():
+    alternating = cut(teeth=2, alternating=1.0)
+    small = replace(alternating, cutter=Cutter(diameter=12e-3, teeth=2, runout=3e-6))
+    large = replace(alternating, cutter=Cutter(diameter=12e-3, teeth=2, runout=45e-6))
+    assert judge_cut(small).verdict == "period-n"
+    assert judge_cut(large).verdict == "stable"
+
+
+def test_alternation_that_grows_while_the_tooth_passing_does_not_is_a_flip():
+    steady, time = cut(teeth=2, runout=0.0, seconds=2.0), np.arange(round(2 * RATE)) / RATE
+    swing = (
+        6.0
+        * np.exp(3 * (time - 2.0))
+        * sum(np.cos(2 * np.pi * p * SPINDLE * time) / (1 + p / 2) for p in (1, 3, 5, 7, 9))
+    )
+    found = judge_cut(replace(steady, samples=steady.samples + swing))
+    assert (found.verdict, found.period) == ("period-n", 2), found.why
+    assert "grows" in found.why
+
+
+def test_a_tone_that_is_in_the_air_as_well_is_the_machines():
+    recording = cut(air=1.0)
+    time = np.arange(recording.samples.shape[1]) / RATE
+    hum = 0.5 * np.cos(2 * np.pi * 1234.5 * time)
+    found = judge_cut(replace(recording, samples=recording.samples + hum))
+    assert found.verdict == "stable", found.why
+    assert "not-of-the-cut" in codes(found)
+    assert found.steady[0] > 1.0
+    heard_once = judge_cut(replace(recording, samples=recording.samples + hum * (time > 1.0)))
+    assert heard_once.verdict != "stable"
+
+
+def test_hum_of_the_mains_is_no_chatter():
+    found = judge_cut(cut([(50.0, 0.15), (250.0, 0.1)], seconds=3.0))
+    assert found.verdict == "stable", found.why
+
+
+def test_a_small_tone_without_company_is_not_known():
+    found = judge_cut(cut([(1234.5, 0.3)], teeth=3))
+    assert found.verdict == "not known"
+    assert "air cut" in found.why
+    with_company = judge_cut(cut(company(1234.5, 0.3, 3), teeth=3))
+    assert with_company.verdict == "chatter"
+
+
+def test_high_harmonics_that_come_back_folded_are_no_chatter():
+    recording = cut(noise=0.01, rate=3000.0, seconds=4.0)
+    time = np.arange(recording.samples.shape[1]) / 3000.0
+    folded = sum(0.15 * np.cos(2 * np.pi * 4 * SPINDLE * k * time) for k in (4, 5, 6))
+    found = judge_cut(replace(recording, samples=recording.samples + folded))
+    assert found.verdict == "stable", found.why
+
+
+def test_chatter_that_begins_during_the_cut_is_seen_and_its_growth_told():
+    found = judge_cut(cut(company(918.4, 3.0), envelope=lambda t: np.exp(6 * (t - 2.0)), seconds=2.0))
+    assert found.verdict == "chatter"
+    assert "grows" in found.why
+
+
+def test_a_ringing_that_dies_away_after_entry_is_no_chatter():
+    found = judge_cut(cut(company(918.4, 3.0), envelope=lambda t: np.exp(-8 * t), seconds=2.0))
+    assert found.verdict == "stable", found.why
+
+
+def test_a_spindle_that_wanders_is_no_chatter():
+    rng, time = np.random.default_rng(1), np.arange(round(3 * RATE)) / RATE
+    phase = 2 * np.pi * SPINDLE * time + 2 * np.pi * SPINDLE * 0.001 / (2 * np.pi * 1.3) * np.sin(
+        2 * np.pi * 1.3 * time
+    )
+    y = sum(np.cos(4 * k * phase + k) / k for k in range(1, 12)) + 0.02 * rng.normal(size=len(time))
+    found = judge_cut(replace(cut(seconds=3.0), samples=y[np.newaxis]))
+    assert found.verdict == "stable", found.why
+
+
+def test_few_turns_show_chatter_but_not_its_absence():
+    assert judge_cut(cut(seconds=6.5 / SPINDLE)).verdict == "not known"
+    assert judge_cut(cut(company(955.0, 2.0), seconds=12 / SPINDLE)).verdict == "chatter"
+
+
+def test_the_metric_of_a_displacement_is_the_mean_change_from_tooth_to_tooth():
+    """M of a cosine at f over the tooth passing F is 4 a |sin(pi f / F)| / pi."""
+    f, size = 918.4, 1.0
+    found = judge_cut(cut([(f, size)], noise=1e-6, runout=0.0, quantity="displacement", unit="m", seconds=4.0))
+    expected = 4 / np.pi * abs(np.sin(np.pi * f / (4 * SPINDLE))) * size
+    assert found.metric == pytest.approx(expected, rel=0.02)
+
+
+def test_runout_is_not_in_the_metric():
+    found = judge_cut(cut(runout=1.0, noise=1e-4))
+    assert found.metric < 5e-4
+
+
+def test_of_several_sensors_the_one_that_hears_chatter_is_told():
+    quiet, loud = cut(), cut(company(918.4))
+    both = replace(
+        quiet,
+        samples=np.concatenate([quiet.samples, loud.samples]),
+        channels=(Channel("a", "acceleration", "m/s^2", "tipX"), Channel("b", "acceleration", "m/s^2", "tipY")),
+    )
+    assert (judge_cut(both).channel, judge_cut(both).verdict) == ("b", "chatter")
+    assert judge_cut(both, channel="a").verdict == "stable"
+
+
+def test_a_pulse_per_revolution_gives_the_speed_where_the_signal_does_not():
+    recording = cut(noise=3.0, runout=0.0)
+    time = np.arange(recording.samples.shape[1]) / RATE
+    pulse = ((time * SPINDLE) % 1.0 < 0.03).astype(float)
+    found = judge_cut(
+        replace(
+            recording,
+            samples=np.concatenate([recording.samples, pulse[np.newaxis]]),
+            channels=(*recording.channels, Channel("pulse", "pulse", "1", "spindle")),
+        ),
+        spindle_speed=2 * np.pi * 1.02 * SPINDLE,
+    )
+    assert found.spindle_frequency == pytest.approx(SPINDLE, rel=2e-4)
+
+
+def test_noise_that_holds_no_cut_is_not_known():
+    recording = cut()
+    noise = np.random.default_rng(3).normal(size=recording.samples.shape)
+    found = judge_cut(replace(recording, samples=noise))
+    assert found.verdict == "not known"
+    assert "not-synchronous" in codes(found)
+
+
+def test_a_sample_rate_that_cannot_show_chatter_is_told():
+    slow = cut(rate=1800.0, seconds=4.0)
+    assert "sample-rate" in codes(judge_cut(slow))
+    assert "sample-rate" not in codes(judge_cut(cut()))
+    assert "sample-rate" in codes(judge_cut(cut(), modes=(900.0, 7000.0)))
+    assert "sample-rate" not in codes(judge_cut(slow, modes=(128.0,)))
+
+
+def test_a_line_far_from_all_modes_is_held_against_its_aliases():
+    found = judge_cut(cut(company(701.3, 2.0), rate=4000.0, seconds=4.0), modes=(3300.0,))
+    assert "alias" in {notice.code for notice in found.notices if notice.level == "warning"}
+    assert found.peaks[0].alias_of == pytest.approx(4000.0 - 701.3, abs=0.1)
+
+
+def test_clipping_is_told():
+    recording = cut(company(918.4))
+    clipped = np.clip(recording.samples, -1.0, 1.0)
+    assert "clipped" in codes(judge_cut(replace(recording, samples=clipped)))
+
+
+def test_teeth_of_uneven_pitch_are_looked_at_once_a_turn():
+    pitch = tuple(np.radians([85.0, 95.0, 85.0, 95.0]))
+    recording = replace(cut(runout=1.0, alternating=2.0), cutter=Cutter(diameter=12e-3, teeth=4, pitch=pitch))
+    found = judge_cut(recording)
+    assert (found.verdict, found.period) == ("stable", 1)
+    assert "uneven-pitch" in codes(found)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"cutter": None}, "--teeth"),
+        ({"conditions": None}, "--rpm"),
+        ({"channels": (Channel("p", "pulse", "1", ""),)}, "no channel of"),
+        ({"steady": (1.0, 9.0)}, "steady_s"),
+    ],
+)
+def test_what_is_missing_is_named_with_what_to_do(change, message):
+    with pytest.raises(RecordingError, match=message):
+        judge_cut(replace(cut(), **change))
+
+
+def test_a_sample_that_is_no_number_is_told_with_its_time():
+    recording = cut()
+    broken = np.array(recording.samples)
+    broken[0, 12_800] = np.nan
+    with pytest.raises(RecordingError, match="at 1 s"):
+        judge_cut(replace(recording, samples=broken, steady=(0.5, 1.9)))
