@@ -25,6 +25,7 @@ from millcal.report.stability_regions import (
     stable_stretches,
     stretches_above,
 )
+from millcal.report.stability_wording import every_speed
 from millcal.report.wording import percent
 from millcal.units import to_shop
 
@@ -195,7 +196,7 @@ def _bounds(map_: StabilityMap, rpm: np.ndarray, top: float, fine: tuple[float, 
         told = [("line main strong", "limit: stable below, chatter above")]
     if np.isfinite(map_.absolute_minimum):
         items.append(Rule(map_.absolute_minimum * 1e3, "y", "limit"))
-        key.append(("line limit", f"stable at every speed below {significant(map_.absolute_minimum * 1e3)} mm"))
+        key.append(("line limit", f"stable at {every_speed(map_)} below {significant(map_.absolute_minimum * 1e3)} mm"))
     return items, told + key
 
 

@@ -7,7 +7,7 @@ from millcal.report import blocks, stability_figure, stability_tables
 from millcal.report.digits import MINUS, fixed, rounded_down, significant
 from millcal.report.stability_comparison import comparison
 from millcal.report.stability_samples import bifurcation
-from millcal.report.stability_wording import map_verdict
+from millcal.report.stability_wording import every_speed, map_verdict
 from millcal.units import to_shop
 
 
@@ -52,7 +52,7 @@ def key_numbers(map_: StabilityMap | None) -> list[dict]:
     if map_.absolute_minimum < float("inf"):
         value = significant(map_.absolute_minimum * 1e3)
         numbers.append(
-            {"name": "Smallest limit", "value": value, "unit": "mm", "word": "stable below it at every speed"}
+            {"name": "Smallest limit", "value": value, "unit": "mm", "word": f"stable below it at {every_speed(map_)}"}
         )
     for best in map_.best[:1]:
         limit, safe = best.axial_depth * 1e3, best.safe_depth

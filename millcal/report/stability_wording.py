@@ -21,6 +21,11 @@ _DOUBTS = {
 }
 
 
+def every_speed(map_: StabilityMap) -> str:
+    """Where the smallest limit holds: the zero-order limit is known at all speeds at once, others at those of the map."""
+    return "every speed" if map_.method == "zoa" else "every speed of the map"
+
+
 def map_verdict(fit: Coefficients | CoefficientHistory | ForceHarmonics | None) -> Verdict | None:
     """What the map is worth where its coefficients are in doubt; None where they are not."""
     level = fit_level(fit) if fit is not None else "good"

@@ -218,3 +218,8 @@ def test_a_cut_in_a_pocket_beyond_the_limit_is_stable_and_warned_about():
     chatter = operating_verdict(replace(map_, operating=replace(point, stable=False, kind="flip", axial_depth=3e-3)))
     assert chatter.level == "bad"
     assert "Expect period doubling" in chatter.text
+
+
+def test_only_the_zero_order_limit_speaks_of_every_speed():
+    assert "stable at every speed below 1.10 mm" in key_of(lobes(stability_maps.limit_alone()))
+    assert "stable at every speed of the map below 1.10 mm" in key_of(lobes(stability_maps.with_islands()))
