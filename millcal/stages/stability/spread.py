@@ -42,8 +42,17 @@ class Spread:
 
     def share(self, depth: np.ndarray, speed: np.ndarray) -> np.ndarray:
         """P_stable.   depth : (depth,) m, ascending   speed : (speed,) rad/s   returns (depth, speed)"""
-        share = stable_share(self.edges, depth)
-        return np.stack([np.interp(speed, self.speed, row) for row in share])
+        return stable_share(self.edges_at(speed), depth)
+
+    def edges_at(self, speed: np.ndarray) -> np.ndarray:
+        """Edges of every draw between the speeds of the band, by 1/b; of several edges where both sides have as many.
+
+        Interpolating P itself would make steps of a steep limit.   returns (member, speed, edge) m
+        """
+        left, right, share = _place(self.speed, speed)
+        by_speed = np.swapaxes(1 / self.edges, 0, 1)  # (speed, member, edge)
+        inverse = np.swapaxes(_mixed(by_speed[left], by_speed[right], share), 0, 1)
+        return np.where(inverse > 0, 1 / np.where(inverse > 0, inverse, 1.0), np.inf)
 
     def at(self, speed: float, depth: float) -> float:
         """P_stable of one cut."""
@@ -129,7 +138,7 @@ def _between(table: np.ndarray, nodes: np.ndarray, values: np.ndarray) -> np.nda
 
 
 def _mixed(left: np.ndarray, right: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Inverse edges (member, speed, edge) between two nodes; of several edges the nearer node's, unless both have as many."""
+    """Inverse edges (node, ., edge) between two nodes; of several edges the nearer node's, unless both have as many."""
     part = share[:, np.newaxis, np.newaxis]
     if left.shape[2] > 1:
         alike = ((left > 0) == (right > 0)).all(axis=2, keepdims=True)
