@@ -1,0 +1,107 @@
+"""The operating point: margins that end where chatter begins, and advice that the map bears out."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from millcal.physics.stability import floquet
+from millcal.physics.stability.regeneration import tip_of_modes
+from millcal.stages.stability import map_stability
+from millcal.stages.stability.pockets import pockets
+from tests.stages.stability.test_methods import CUT, KRC, KTC, MODES_OF_ONE, ONE, PROBLEM, RPM, coefficients
+
+
+def point(rpm, depth_mm, method="floquet", known=(KTC, KRC), **options):
+    found = map_stability(
+        ONE, known, **{**CUT, **options}, method=method, points=151, operating_point=(rpm * RPM, depth_mm * 1e-3),
+        rng=np.random.default_rng(0),
+    )  # fmt: skip
+    return found.operating
+
+
+def radius(rpm, depth_mm, cut=PROBLEM):
+    return floquet.spectral_radius(np.array([rpm * RPM]), np.array([depth_mm * 1e-3]), tip_of_modes(MODES_OF_ONE), cut)[
+        0
+    ]
+
+
+@pytest.mark.parametrize(("rpm", "depth_mm"), [(9000, 2.0), (7500, 1.0), (14_000, 4.0), (7500, 2.45)])
+def test_the_speed_margin_ends_where_the_multiplier_leaves_the_circle(rpm, depth_mm):
+    """Stable all the way to its ends, and beyond them not; the map has a speed every 100 rpm, looked at 16 times closer."""
+    found = point(rpm, depth_mm)
+    assert found.stable
+    down, up = (margin / RPM for margin in found.speed_margin)
+    for end, turn in ((rpm - down, -1), (rpm + up, 1)):
+        for inside in np.linspace(rpm, end, 9):
+            assert radius(inside, depth_mm) < 1
+        if 5000 < end < 20_000:
+            assert radius(end + 10 * turn, depth_mm) > 1
+
+
+def test_a_point_that_chatters_has_no_margin_and_its_advice_is_stable():
+    found = point(8000, 2.0)
+    assert not found.stable
+    assert found.speed_margin is None
+    assert any(word.startswith("reduce the depth") for word in found.advice)
+    for word in found.advice:
+        if (speed := re.match(r"(?:raise|lower) the speed to (\d+) rpm", word)) is not None:
+            assert radius(float(speed[1]), 2.0) < 1
+        if (depth := re.match(r"reduce the depth to ([\d.]+) mm", word)) is not None:
+            assert radius(8000, float(depth[1])) < 1
+            assert radius(8000, float(depth[1]) / 0.88) > 1
+
+
+def test_advice_is_ranked_by_the_metal_it_removes():
+    found = point(8000, 2.0)
+    removed = []
+    for word in found.advice:
+        if (speed := re.match(r"(?:raise|lower) the speed to (\d+) rpm", word)) is not None:
+            removed.append(float(speed[1]) / 8000)
+        elif (depth := re.match(r"reduce the depth to ([\d.]+) mm", word)) is not None:
+            removed.append(float(depth[1]) / 2.0)
+        elif (times := re.search(r": ([\d.]+) times the metal", word)) is not None:
+            removed.append(float(times[1]))
+    assert len(removed) >= 3
+    assert removed == sorted(removed, reverse=True)
+
+
+def test_where_the_period_doubles_another_cutter_is_named_if_it_is_stable_there():
+    found = point(10_000, 2.7)
+    assert found.kind == "flip"
+    assert not found.stable
+    assert found.chatter_frequency / (10_000 * 2 / 60) % 1 == pytest.approx(0.5)
+    for word in found.advice:
+        if (teeth := re.match(r"a cutter of (\d+) teeth: limit", word)) is not None:
+            assert radius(10_000, 2.7, replace(PROBLEM, teeth=int(teeth[1]))) < 1
+        if word.startswith("a cutter of one tooth"):
+            assert radius(10_000, 2.7, replace(PROBLEM, teeth=1)) < 1
+        if word.startswith("a helix of 30 deg"):
+            assert radius(10_000, 2.7, replace(PROBLEM, wind=np.tan(np.radians(30)) / 6e-3)) < 1
+    assert any(word.startswith(("a cutter", "a helix")) for word in found.advice)
+
+
+def test_with_uncertain_coefficients_the_reduced_depth_is_stable_in_975_of_1000_draws():
+    found = point(8000, 2.0, known=coefficients())
+    (depth,) = (float(m[1]) for word in found.advice if (m := re.match(r"reduce the depth to ([\d.]+) mm", word)))
+    assert depth * 1e-3 == pytest.approx(found.limit_interval[0], rel=5e-3)
+    assert "97.5 %" in " ".join(found.advice)
+    draws = coefficients().sample(np.random.default_rng(5), 400)
+    stable = [radius(8000, depth, PROBLEM.with_force(*draw)) < 1 for draw in draws]
+    assert abs(np.mean(stable) - 0.975) < 0.03
+
+
+def test_far_below_the_limit_there_is_room_and_nothing_to_mend():
+    found = point(9000, 0.5)
+    assert found.stable
+    assert any(word.startswith("there is room") for word in found.advice)
+    assert not any(word.startswith("reduce") for word in found.advice)
+
+
+def test_a_pocket_without_a_bottom_is_run_in_its_middle():
+    """Nothing limits it as deep as was looked: the speed farthest from both walls."""
+    speeds = np.linspace(100.0, 200.0, 11)
+    depth = np.array([1, 1, 1, np.inf, np.inf, np.inf, 1, 1, 2, 1, 1]) * 1e-3
+    found = pockets(lambda some: np.interp(some, speeds, depth), speeds, depth, 3e-3, (0, 0))
+    np.testing.assert_allclose(found[:2], [140.0, 180.0])
