@@ -12,6 +12,7 @@ from millcal.io.text_table import cell, interval, table
 
 ROUND_SPEEDS = 14  # shown at most
 MOST_MISSED = 5  # test cuts told one by one
+MOST_PERIODS = 3  # of more than one tooth
 
 
 def stability_text(found: StabilityMap) -> str:
@@ -130,8 +131,8 @@ def _best_speeds(best: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _operating(p: Mapping[str, Any]) -> list[str]:
-    bound = f"limit {cell(p['limit_ap_mm'])} mm"
-    if p["limit_ap_mm_ci95"] is not None:
+    bound = "no limit found" if p["limit_ap_mm"] is None else f"limit {cell(p['limit_ap_mm'])} mm"
+    if p["limit_ap_mm_ci95"] is not None and p["limit_ap_mm"] is not None:
         bound += f" ({interval(p['limit_ap_mm_ci95'])})"
     chance = "" if p["p_stable"] is None else f", stable with probability {p['p_stable']:.3g}"
     lines = [f"operating point {p['rpm']:.0f} rpm, {p['ap_mm']:.4g} mm: {bound}{chance}"]
@@ -163,7 +164,10 @@ def _tests(s: Mapping[str, Any]) -> list[str]:
 def _simulated(s: Mapping[str, Any]) -> list[str]:
     periods = Counter(cut["period"] for cut in s["cuts"])
     told = [f"{periods[1]} repeat every {s['per']}"]
-    told += [f"{periods[n]} every {n} {_plural(s['per'])}" for n in sorted(n for n in periods if n and n > 1)]
+    named = sorted(n for n in periods if n and n > 1)[:MOST_PERIODS]
+    told += [f"{periods[n]} every {n} {_plural(s['per'])}" for n in named]
+    more = s["period_n"] - sum(periods[n] for n in named)
+    told += [f"{more} after more"] if more else []
     told += [f"{periods[None]} never: chatter"] if periods[None] else []
     return [f"simulated cuts: {len(s['cuts'])}; {', '.join(told)}"]
 

@@ -8,7 +8,7 @@ from io import StringIO
 import numpy as np
 import pytest
 
-from millcal.data import BestSpeed, StabilityMap
+from millcal.data import BestSpeed, OperatingPoint, StabilityMap
 from millcal.io.readable import text_of
 from millcal.io.stability_readable import compared_text
 from millcal.io.stability_summary import compared, unstable_multipliers
@@ -79,6 +79,13 @@ def test_simulated_cuts_are_counted_by_their_period(make_record):
     assert "simulated cuts: 3; 1 repeat every tooth, 1 every 2 teeth, 1 never: chatter" in text_of(
         make_record("stability_map")
     )
+
+
+def test_a_cut_without_a_limit_says_so_in_words(make_record):
+    point = OperatingPoint(700.0, 1e-3, np.inf, True, "", np.nan, (np.inf, np.inf), 1.0, (np.inf, 30.0))
+    said = text_of(replace(make_record("stability_map"), operating=point))
+    assert "1 mm: no limit found, stable with probability 1" in said
+    assert "may fall by - rpm and rise by" in said
 
 
 def test_the_operating_point_says_what_to_do(make_record):
