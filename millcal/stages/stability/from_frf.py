@@ -24,7 +24,7 @@ from millcal.stages.stability.tip import Lines
 
 NINETY_FIVE = 1.96  # standard deviations on either side
 WEAK = 0.1  # share of the highest resonance from which a mode is counted
-SHORT_BAND = 2.0  # times the highest mode: a shorter band leaves the tips of narrow tongues a percent off
+SHORT_BAND, VERY_SHORT = 2.5, 1.6  # times the highest mode (`measured_receptance` has what limits are off by)
 LATE_START = 0.5  # share of the lowest mode at which the lines may begin
 DRAWS, SPEEDS = 6, 8  # with noise added
 JUMP = 4.0  # standard deviations of 1/b
@@ -146,9 +146,14 @@ def _of_the_band(lines: Lines) -> list[Notice]:
         return [Notice("no-resonance", what, "frf")]
     notices = []
     if frequency[-1] < SHORT_BAND * max(peaks):
+        off = (
+            "limits may be off by a tenth"
+            if frequency[-1] < VERY_SHORT * max(peaks)
+            else "some limits may be off by percents"
+        )
         what = (
             f"the usable band ends at {frequency[-1]:.0f} Hz, less than {SHORT_BAND:g} times the resonance at {max(peaks):.0f} Hz: "
-            "above it the tip is taken as a mass, and tips of narrow tongues may be off by percents; hit with a harder tip"
+            f"above it the tip is taken as a mass, and {off}; hit with a harder tip"
         )
         notices.append(Notice("short-band", what, "frf"))
     if frequency[0] > LATE_START * min(peaks):
