@@ -1,16 +1,20 @@
 """A measured FRF straight to crossings: what is refused, what is told, and what its noise makes of the limit."""
 
+import os
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from millcal.data import Frf
+from millcal.data import Channel, Frf, Recording
 from millcal.errors import IllPosedError
 from millcal.physics.stability.regeneration import FLIP, Regeneration, TipModes, tip_of_shapes
+from millcal.stages.frf import estimate_frf
 from millcal.stages.stability.from_frf import crossings_of_frf, moved_by_noise
 
 RPM = 2 * np.pi / 60
+HIT = Path(os.environ.get("MILLCAL_REFERENCE_DATA", "")) / "real" / "cutpro_hammer" / "Point1_Channel1_CH1.txt"
 SWEPT = np.arccos(1 - 2 * 0.1)
 CUT = Regeneration(2, np.pi - SWEPT, np.pi, 600e6, 200e6)
 SPEEDS = np.array([5000.0, 7500.0, 9000.0]) * RPM
@@ -137,3 +141,28 @@ def test_beside_the_edge_of_a_tongue_noise_makes_a_limit_that_no_first_order_see
 def test_a_short_cut_with_few_teeth_has_flips():
     found = crossings_of_frf(measured(), np.array([12_500.0]) * RPM, CUT, deepest=10e-3)[0]
     assert FLIP in found.kind
+
+
+@pytest.mark.skipif(not HIT.is_file(), reason="reference data absent: set MILLCAL_REFERENCE_DATA")
+def test_a_real_hit_has_flip_lobes_far_below_what_the_next_pair_would_allow():
+    """A real tool of 1070 Hz; two teeth at a tenth of the diameter, near 1070 Hz / (k + 1/2) tooth passings."""
+    table = np.loadtxt(HIT)
+    recording = Recording(
+        samples=table[:, 1:].T.copy(),
+        sample_rate=51200.0,
+        channels=(Channel("hammer", "force", "N", "tipX"), Channel("acc", "acceleration", "m/s^2", "tipX")),
+        kind="impact",
+        name="hammer.txt",
+    )
+    frf = replace(
+        estimate_frf(recording, record_length=1.0, resolution=1.0, form="receptance"), usable_band=(150.0, 3500.0)
+    )
+    speeds = np.array([12_000.0, 20_000.0]) * RPM
+    found, low, _, notices = crossings_of_frf(frf, speeds, CUT, deepest=60e-3, rigid="y")
+    first = found.first(2)
+    assert first.kind.tolist() == [FLIP, FLIP]
+    np.testing.assert_allclose(first.depth, [27e-3, 23e-3], rtol=0.1)
+    next_pair = min(found.depth[(found.kind != FLIP) & found.loses])
+    assert next_pair > 1.3 * first.depth.max()
+    assert low is None  # one hit knows nothing of its noise
+    assert {"rigid-axis", "short-band"} <= codes(notices)
