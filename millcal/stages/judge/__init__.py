@@ -52,6 +52,7 @@ SEEN_UP_TO = 0.45  # of the sample rate
 LOW = 1000.0  # Hz: tools vibrate above it as a rule
 PASSINGS = 5  # tooth passings that a spectrum should hold
 LATE = 0.3  # share of the cut that is looked at by itself, where the whole shows nothing
+BEGINS = 2.0  # times its power in the whole has a tone that begins there
 FEWEST_LATE = 12  # revolutions of it
 GROWS = 3.0  # of the alternating lines over those of the tooth passing, from the first third to the last
 DOUBTFUL_MODE = 0.2  # relative distance of a chatter frequency from all modes, from which another alias is looked for
@@ -123,7 +124,7 @@ def judge_cut(
     if max(one.share for one in looks) < WITH_COMPANY and late * cycle.cycle >= FEWEST_LATE:
         # a spectrum under a window sees little of what begins at the end
         ends = [look(row, y[-late:], calm, **known) for row, y, calm in zip(rows, samples, quiet, strict=True)]
-        if max(one.share for one in ends) >= WITH_COMPANY:
+        if any(end.share >= WITH_COMPANY and _is_new(end, whole) for end, whole in zip(ends, looks, strict=True)):
             looks = ends
             stretch = stretch._replace(start=stretch.stop - late)
             revolutions = late * cycle.cycle
@@ -201,6 +202,14 @@ def _stated(recording: Recording, teeth: int | None, spindle_speed: float | None
             "check the sample rate and the speed"
         )
     return teeth, frequency
+
+
+def _is_new(end: Remains, whole: Remains) -> bool:
+    """Whether the strongest tone at the end of a cut is smaller in the whole of it."""
+    tone, near = end.family[0], 1.5 / end.spectra.size
+    return tone.power > BEGINS * sum(
+        other.power for other in whole.tones if abs(other.frequency - tone.frequency) < near
+    )
 
 
 def _uneven(pitch: tuple[float, ...] | None) -> bool:

@@ -73,7 +73,7 @@ def expected_chips(cutter: Cutter | None, feed_per_tooth: float | None) -> float
 
 def reading(found: Alternation, teeth: int, expected: float | None = None) -> str:
     """`flip`, `runout`, or `either`.   expected : alternation of the chips by the runout, where that is known"""
-    if found.power < SMALL or found.chips < LITTLE:
+    if found.power < SMALL or (found.chips < LITTLE and found.power < LARGE):
         return "runout"
     if expected is not None and np.isfinite(found.chips):
         if found.chips > BEYOND * expected:

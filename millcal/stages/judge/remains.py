@@ -20,7 +20,7 @@ IN_AIR = 0.5  # of the amplitude in the cut: the tone is the machine's
 HUM = (50.0, 60.0)  # Hz
 HIGHEST_HUM = 650.0  # Hz
 LARGEST_HUM = 0.1  # of the power: more is no hum
-ALONE = 0.05  # of its power, that its company may have
+ALONE = 0.05  # of its power: smaller company says nothing
 OVERTONES = 4  # of the chatter frequency that belong to it
 FOLDS = 3
 LARGEST_FOLDED = 0.3  # share of the power: more is no high harmonic folded
@@ -152,10 +152,10 @@ def _not_of_the_cut(
     heard = air is not None and len(air) > 16 / cycle
     if heard and amplitude_at(air, tone.frequency) > IN_AIR * np.sqrt(2 * tone.power):
         return "heard in the air as well: the machine's"
-    alone = sum(other.power for other in group[1:]) < ALONE * tone.power
-    if share < LARGEST_HUM and tone.frequency * rate < HIGHEST_HUM and alone:
+    if share < LARGEST_HUM:
         for hum in HUM:
-            if folded(tone.frequency * rate, hum) < rate * (0.3 / size + 3 * tone.deviation):
+            large = [other for other in group if other.power > ALONE * tone.power]
+            if all(_is_hum(other, hum, rate, size) for other in large):
                 return f"a multiple of {hum:g} Hz: hum of the mains"
     if share < LARGEST_FOLDED and not rolled_off:
         passing = teeth * cycle
@@ -165,6 +165,11 @@ def _not_of_the_cut(
                 if folded(above, passing) < min(reach, 0.05 * passing):
                     return "where a harmonic of the tooth passing above half the sample rate comes back"
     return ""
+
+
+def _is_hum(tone: Tone, hum: float, rate: float, size: int) -> bool:
+    f = tone.frequency * rate
+    return bool(f < HIGHEST_HUM and folded(f, hum) < rate * (0.3 / size + 3 * tone.deviation))
 
 
 def _overtone(tone: Tone, of: Tone, cycle: float, size: int) -> bool:
