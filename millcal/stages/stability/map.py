@@ -20,7 +20,7 @@ from millcal.stages.stability.cuts import held_against, simulated_over
 from millcal.stages.stability.method import Asked, Method, Sampling, Solve
 from millcal.stages.stability.methods import DEEPER, METHODS, OVER_MINIMUM
 from millcal.stages.stability.operating import SAFE, Columns, judged
-from millcal.stages.stability.pockets import best_speeds, pockets
+from millcal.stages.stability.pockets import best_speeds, pockets, refined
 from millcal.stages.stability.spread import Spread, band_speeds, spread_of
 from millcal.units import to_shop
 
@@ -171,7 +171,7 @@ def map_stability(
         own = _of_one(beside, len(extra) - 1)
         operating = _operating(chosen, cut, operating_point, own, columns, best, spread, cutter)
     first = solution.edges.first(points)
-    minimum = _minimum(chosen, cut, limits, np.concatenate([first.frequency, beside.first(len(extra)).frequency]))
+    minimum = _minimum(chosen, cut, everywhere, limits)
     probabilities = _probabilities(spread, speeds, probability, picture)
     if probability and probabilities is None:
         what = "nothing is known to be uncertain, so there is no probability to map"
@@ -291,12 +291,22 @@ def _lobes(first: Crossings, speeds: np.ndarray, teeth: int) -> np.ndarray:
     return np.where(first.loses, np.floor(np.where(first.loses, waves, 0.0) + 1e-9), -1).astype(int)
 
 
-def _minimum(chosen: Method, cut: Regeneration, limit: np.ndarray, frequency: np.ndarray) -> tuple[float, float]:
-    """The lowest limit: of every speed where the method knows it, else of those of the map."""
+def _minimum(chosen: Method, cut: Regeneration, speeds: np.ndarray, limit: np.ndarray) -> tuple[float, float]:
+    """The lowest limit: of every speed where the method knows it, else over the range of the map.   returns m, Hz"""
     if chosen.minimum is not None:
         return chosen.minimum(cut)
-    i = int(np.argmin(limit))
-    return float(limit[i]), float(frequency[i])
+    if not np.isfinite(limit).any():
+        return np.inf, np.nan
+
+    def first(some: np.ndarray) -> Crossings:
+        return chosen.solve(some, cut, lambda share: None).edges.first(len(some))
+
+    order = np.argsort(speeds, kind="stable")
+    place = int(np.argmin(limit[order]))
+    low, lowest, high = (speeds[order[[min(max(place + k, 0), len(order) - 1)]]] for k in (-1, 0, 1))
+    at = refined(lambda some: -first(some).depth, lowest, low, high, chosen.refine)
+    found = first(at)
+    return float(found.depth[0]), float(found.frequency[0])
 
 
 def _torque_per_depth(law, cutter: Cutter, conditions: CuttingConditions) -> float | None:

@@ -37,7 +37,7 @@ def pockets(
     walled = ~open_ended[top]
     if not walled.any():
         return best
-    best[walled] = _refined(depth_at, best[walled], low[walled], high[walled], refine)
+    best[walled] = refined(lambda some: depth_at(some) * some, best[walled], low[walled], high[walled], refine)
     return best
 
 
@@ -50,19 +50,24 @@ def _middles(speeds: np.ndarray, chosen: np.ndarray) -> np.ndarray:
     return middle
 
 
-def _refined(
-    depth_at: Callable[[np.ndarray], np.ndarray],
+def refined(
+    value_at: Callable[[np.ndarray], np.ndarray],
     best: np.ndarray,
     low: np.ndarray,
     high: np.ndarray,
     refine: tuple[int, int],
 ) -> np.ndarray:
+    """Where a value is highest between two speeds, by finer and finer grids.
+
+    value_at : speeds (n,) -> (n,)   best, low, high : (place,) rad/s   refine : rounds, and speeds in each
+    returns (place,) rad/s
+    """
     rounds, many = refine
     for _ in range(rounds):
         fine = low + (high - low) * np.linspace(0, 1, many)[:, np.newaxis]  # (many, pocket)
         fine[many // 2] = best
         fine.sort(axis=0)
-        found = depth_at(fine.ravel()).reshape(fine.shape) * fine
+        found = value_at(fine.ravel()).reshape(fine.shape)
         i, pocket = np.argmax(np.where(np.isfinite(found), found, -np.inf), axis=0), np.arange(len(best))
         best = fine[i, pocket]
         low, high = fine[np.maximum(i - 1, 0), pocket], fine[np.minimum(i + 1, len(fine) - 1), pocket]
