@@ -27,15 +27,17 @@ def add_series(sigma, ratio, reach, length, plain, with_ratio, node, weight, inn
     node .. lagrange : of `one_direction`   series : (ratio, sigma, term), written
     """
     nodes, terms = len(node), series.shape[2]
-    kernel, end = np.empty((nodes, nodes)), np.empty((2, nodes))
-    w, turned = np.empty((nodes, 2)), np.empty((nodes, 2))
+    kernel, end = np.empty((nodes, nodes)), np.empty((2, nodes))  # K transposed
+    q, w, turned = np.empty(nodes), np.empty((2, nodes)), np.empty((2, nodes))
     stretch = np.empty((MOST_ORDERS, 2, 2))
-    product, before = np.empty((terms, 2, 2)), np.empty((terms, 2, 2))
+    products, product = np.empty((len(ratio), 2, 2, terms)), np.empty((2, 2, terms))
+    degrees = np.empty(len(ratio), np.int64)
     was_cut = False
     for a in range(len(sigma)):
-        products = np.zeros((len(ratio), terms, 2, 2))
+        products[:] = 0.0
         products[:, 0, 0, 0] = 1.0
-        products[:, 0, 1, 1] = 1.0
+        products[:, 1, 1, 0] = 1.0
+        degrees[:] = 1
         for p in range(len(length)):
             phase = 2 * np.pi * sigma[a] * length[p]
             cuts = False
@@ -44,11 +46,11 @@ def add_series(sigma, ratio, reach, length, plain, with_ratio, node, weight, inn
             if cuts and (p == 0 or length[p] != length[p - 1] or not was_cut):
                 for i in range(nodes):
                     for j in range(nodes):
-                        kernel[i, j] = 0.0
+                        kernel[j, i] = 0.0
                     for m in range(len(inner)):
                         here = np.sin(phase * node[i] * (1 - inner[m])) * inner_weight[m] * phase * node[i]
                         for j in range(nodes):
-                            kernel[i, j] += here * lagrange[i, m, j]
+                            kernel[j, i] += here * lagrange[i, m, j]
                     end[0, i] = phase * weight[i] * np.sin(phase * (1 - node[i]))
                     end[1, i] = phase * weight[i] * np.cos(phase * (1 - node[i]))
             was_cut = cuts
@@ -58,44 +60,42 @@ def add_series(sigma, ratio, reach, length, plain, with_ratio, node, weight, inn
                 orders = 1
                 if cuts:
                     for i in range(nodes):
-                        w[i, 0], w[i, 1] = np.cos(phase * node[i]), np.sin(phase * node[i])
+                        q[i] = -reach * (plain[p, i] + ratio[b] * with_ratio[p, i])
+                        w[0, i], w[1, i] = np.cos(phase * node[i]), np.sin(phase * node[i])
                     largest, small = 1.0, 0
                     while orders < min(MOST_ORDERS, terms) and small < 2:
-                        for i in range(nodes):
-                            q = -reach * (plain[p, i] + ratio[b] * with_ratio[p, i])
-                            w[i, 0] *= q
-                            w[i, 1] *= q
                         size = 0.0
-                        for i in range(2):
-                            for c in range(2):
-                                total = 0.0
-                                for j in range(nodes):
-                                    total += end[i, j] * w[j, c]
-                                stretch[orders, i, c] = total
-                                size = max(size, abs(total))
+                        for c in range(2):
+                            at_end, fast = 0.0, 0.0
+                            for j in range(nodes):
+                                w[c, j] *= q[j]
+                                turned[c, j] = 0.0
+                                at_end += end[0, j] * w[c, j]
+                                fast += end[1, j] * w[c, j]
+                            stretch[orders, 0, c], stretch[orders, 1, c] = at_end, fast
+                            size = max(size, abs(at_end), abs(fast))
+                            for j in range(nodes):
+                                here = w[c, j]
+                                for i in range(nodes):
+                                    turned[c, i] += kernel[j, i] * here
                         largest = max(largest, size)
                         small = small + 1 if size < 1e-17 * largest else 0
                         orders += 1
-                        for i in range(nodes):
-                            first, second = 0.0, 0.0
-                            for j in range(nodes):
-                                first += kernel[i, j] * w[j, 0]
-                                second += kernel[i, j] * w[j, 1]
-                            turned[i, 0], turned[i, 1] = first, second
                         w, turned = turned, w
-                before[:] = products[b]
-                product[:] = 0.0
+                degree = min(degrees[b] + orders - 1, terms)
+                product[:, :, :degree] = 0.0
                 for k in range(orders):
-                    c00, c01, c10, c11 = stretch[k, 0, 0], stretch[k, 0, 1], stretch[k, 1, 0], stretch[k, 1, 1]
-                    for t in range(terms - k):
-                        product[t + k, 0, 0] += c00 * before[t, 0, 0] + c01 * before[t, 1, 0]
-                        product[t + k, 0, 1] += c00 * before[t, 0, 1] + c01 * before[t, 1, 1]
-                        product[t + k, 1, 0] += c10 * before[t, 0, 0] + c11 * before[t, 1, 0]
-                        product[t + k, 1, 1] += c10 * before[t, 0, 1] + c11 * before[t, 1, 1]
-                products[b] = product
+                    known = min(degrees[b], terms - k)
+                    for i in range(2):
+                        for c in range(2):
+                            first, second = stretch[k, i, 0], stretch[k, i, 1]
+                            for t in range(known):
+                                product[i, c, t + k] += first * products[b, 0, c, t] + second * products[b, 1, c, t]
+                products[b, :, :, :degree] = product[:, :, :degree]
+                degrees[b] = degree
         for b in range(len(ratio)):
             for t in range(terms):
-                series[b, a, t] = products[b, t, 0, 0] + products[b, t, 1, 1]
+                series[b, a, t] = products[b, 0, 0, t] + products[b, 1, 1, t]
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc]

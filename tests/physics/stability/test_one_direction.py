@@ -107,6 +107,27 @@ def test_where_the_cutting_is_constant_the_first_edge_is_the_zero_order_limit(sp
     assert np.all(np.isinf(found[~shallow]))
 
 
+# One tooth, D 15.88 mm, radial depth 5 mm, down, the flexure compliant along x; k, m, c as measured. F flip, H Hopf; mm.
+FLEXURE = """2500 7.79251H, 3000 2.56558F 4.95428F 7.11042H, 3500 3.40265H, 3679 6.33290H, 3750 10.69471H, 3873, 3920 10.73921F,
+4000 8.92305F, 4117 7.20995F, 4222 6.12507F, 4252 5.86098F, 4400 4.74230F, 4500 4.10073F, 4567 3.70390F, 4750 2.72027F,
+5000 1.90966F, 5233 7.23551H, 5500 4.39657H, 6000 3.27544H, 6500 3.69398H, 7000 5.85903H, 7250 9.02270H, 7500"""
+
+
+def test_the_flexure_of_cornelius_loses_stability_where_collocation_says_so():
+    """Every first loss to the last digit, flips where the zero order sees none, and the flip island at 3000 rpm."""
+    stiffness, mass, damping = 1.64e6, 2.51, 114.0
+    mode = tip(np.sqrt(stiffness / mass) / (2 * np.pi), damping / (2 * np.sqrt(stiffness * mass)), stiffness)
+    cut = Regeneration(1, *engaged(5 / 15.88, "down"), 903.9e6, 534.5e6)
+    for row in FLEXURE.replace("\n", " ").split(","):
+        rpm, *expected = row.split()
+        found = boundary(np.array([float(rpm) * RPM]), mode, cut, deepest=12e-3)
+        told = [
+            f"{depth * 1e3:.5f}{KINDS[kind][0].upper()}" for depth, kind in zip(found.depth, found.kind, strict=True)
+        ]
+        assert told[: len(expected)] == expected, rpm
+        assert bool(told) == bool(expected), rpm
+
+
 def test_stiffness_over_force_is_the_unit_of_depth():
     cut, speeds = Regeneration(3, *engaged(0.2, "up"), 6e8, 2e8), np.linspace(4000, 9000, 20) * RPM
     one = stable_edges(speeds, [tip()], cut, [[6e8, 2e8]], deepest=4e-3)

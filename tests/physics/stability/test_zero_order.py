@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from millcal.physics.stability.regeneration import tip_of_modes, tip_of_residues, tip_of_shapes
+from millcal.physics.stability.floquet import spectral_radius
+from millcal.physics.stability.regeneration import Regeneration, tip_of_modes, tip_of_residues, tip_of_shapes
 from millcal.physics.stability.zero_order import (
     absolute_minimum,
     directional_factors,
@@ -303,6 +304,18 @@ def test_up_and_down_have_one_limit_when_the_structure_is_the_same_all_round(imm
     rpm = np.linspace(3000, 15_000, 40)
     up, down = (limit_mm(ISOTROPIC, cutting(7e8, 3e8, 4, immersion, d), 4, rpm) for d in ("up", "down"))
     np.testing.assert_allclose(up, down, rtol=1e-9)
+
+
+@pytest.mark.parametrize("teeth", [3, 4, 6])
+@pytest.mark.parametrize("modes", [WECK, TWO_BY_TWO, ISOTROPIC])
+def test_with_four_or_six_teeth_in_a_slot_a_multiplier_crosses_the_circle_at_the_limit(modes, teeth):
+    """Their forces together do not turn with the cutter, so the mean is all there is; those of three teeth do."""
+    speeds = np.linspace(5000, 16_000, 7) * RPM
+    tip, cut = tip_of_modes(modes), Regeneration(teeth, 0.0, np.pi, 7e8, 3e8)
+    depth = limit(speeds, dynamics_of_modes(modes, speeds, teeth), cutting(7e8, 3e8, teeth, 1.0, "up"), teeth).depth
+    sides = [spectral_radius(speeds, depth * side, tip, cut, tolerance=1e-9) for side in (1 - 1e-6, 1 + 1e-6)]
+    crosses = bool(np.all(sides[0] < 1) and np.all(sides[1] > 1))
+    assert crosses == (teeth != 3)
 
 
 @pytest.mark.parametrize("direction", ["up", "down"])
