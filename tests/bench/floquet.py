@@ -50,7 +50,7 @@ def random_points(modes, tip, this, deepest, rng):
 
 
 def seconds(call, least: float = 0.05) -> float:
-    """CPU seconds of one call, of as many as take a while, at best of three."""
+    """CPU seconds of one call, the best of three times as many as take a while; what takes long is called twice in all."""
     call()
     best = np.inf
     for _ in range(3):
@@ -59,6 +59,8 @@ def seconds(call, least: float = 0.05) -> float:
             call()
             count += 1
         best = min(best, (time.process_time() - start) / count)
+        if best > 0.3:
+            break
     return best
 
 
@@ -80,6 +82,16 @@ def semi_discretized(tip, this, speed, depth, known) -> list[tuple[int, float, f
     return reached
 
 
+def least_order(tip, this, speed, depth, known, tolerance):
+    """The least order that holds nearly all points."""
+    from millcal.physics.stability.floquet import spectral_radius
+
+    for order in range(3, 120):
+        if np.mean(np.abs(spectral_radius(speed, depth, tip, this, order=order) - known) <= tolerance) >= SHARE:
+            return order
+    raise RuntimeError(f"no order holds {tolerance}")
+
+
 def cost_of_points() -> str:
     """One row for every number of modes and immersion."""
     from millcal.physics.stability.floquet import multipliers, radius_map, spectral_radius
@@ -89,27 +101,27 @@ def cost_of_points() -> str:
         for immersion in IMMERSIONS:
             tip, this, deepest = problem(modes, immersion)
             speed, depth, known = random_points(modes, tip, this, deepest, np.random.default_rng(6))
-            order = next(
-                n
-                for n in range(3, 90)
-                if np.mean(np.abs(spectral_radius(speed, depth, tip, this, order=n) - known) <= 1e-4) >= SHARE
-            )
-            size = len(multipliers(speed[0], depth[0], tip, this, order=order))
-            many = np.tile(speed, 10), np.tile(depth, 10)
-            cold = seconds(partial(spectral_radius, *many, tip, this, order=order)) / len(many[0])
-            scan = np.linspace(0.02, 1, 50) * deepest
-            grid = seconds(partial(radius_map, speed, scan, tip, this, order=order)) / (len(scan) * len(speed))
-            reached, cells = semi_discretized(tip, this, speed[:FEW], depth[:FEW], known[:FEW]), []
+            orders, colds = [], []
             for tolerance in (1e-3, 1e-4):
+                orders.append(least_order(tip, this, speed, depth, known, tolerance))
+                many = np.tile(speed, 50), np.tile(depth, 50)
+                spent = seconds(partial(spectral_radius, *many, tip, this, order=orders[-1]))
+                colds.append(spent / len(many[0]))
+            size = len(multipliers(speed[0], depth[0], tip, this, order=orders[-1]))
+            scan = np.linspace(0.02, 1, 50) * deepest
+            spent = seconds(partial(radius_map, speed, scan, tip, this, order=orders[-1]))
+            grid = spent / (len(scan) * len(speed))
+            reached, cells = semi_discretized(tip, this, speed[:FEW], depth[:FEW], known[:FEW]), []
+            for tolerance, cold in zip((1e-3, 1e-4), colds, strict=True):
                 steps, off, each = next((row for row in reached if row[1] <= tolerance), reached[-1])
                 cells.append(f"{each / cold:.0f} (p = {steps}{f', still {off:.0e} off' if off > tolerance else ''})")
                 if tolerance == 1e-3:
                     ratios.append(each / cold)
-            rows.append(
-                (modes, f"{immersion:g}", f"{order} / {size}", f"{1e6 * cold:.1f}", f"{1e-3 / cold:.0f} k", f"{1e-3 / grid:.0f} k",
-                 *cells)
-            )  # fmt: skip
-    head = ("modes", "a/D", "n / matrix", "us", "a second, each its own speed", "a second, on a grid",
+            rows.append((
+                modes, f"{immersion:g}", f"{orders[0]}, {orders[1]} / {size}", f"{1e6 * colds[0]:.1f}, {1e6 * colds[1]:.1f}",
+                f"{1e-3 / colds[1]:.0f} k", f"{1e-3 / grid:.0f} k", *cells,
+            ))  # fmt: skip
+    head = ("modes", "a/D", "n / matrix", "us at 1e-3, 1e-4", "a second, each its own speed", "a second, on a grid",
             "semi-discretization costs times, at 1e-3", "at 1e-4")  # fmt: skip
     return (
         table(head, *rows)
@@ -172,10 +184,11 @@ def shop_scripts() -> str:
 def floquet(options) -> str:
     """Multipliers of two-tooth cuts, down, at 60 random points with |mu| from .5 to 1.6; CPU time of one thread.
 
-    The order n is the least that holds 1e-4 at 95 % of the points. Semi-discretization of the first order is compiled, takes
-    exact means, keeps only what is in cut and multiplies nothing that is zero; p is the least that holds the error at 95 %
-    of 20 points, and the Floquet cost beside it is that of 1e-4. Then maps of 200 speeds and 100 depths at the order of the
-    rule, and a plain dense semi-discretization of order zero, as shop scripts have it.
+    The order n is the least that holds 1e-3 and 1e-4 at 95 % of the points; rates are those of 1e-4. Semi-discretization of
+    the first order is compiled, takes exact means, keeps only what is in cut and multiplies nothing that is zero; p is the
+    least that holds the error at 95 % of 20 points, and the cost is held against the Floquet cost of the same error. Then
+    maps of 200 speeds and 100 depths at the order of the rule, and a plain dense semi-discretization of order zero, as shop
+    scripts have it.
     """
     single = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")}
     run = subprocess.run(
