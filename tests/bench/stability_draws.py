@@ -12,7 +12,8 @@ from millcal.physics.stability import floquet
 from millcal.physics.stability.one_direction import boundary, stable_edges
 from millcal.physics.stability.regeneration import Regeneration, tip_of_modes
 from millcal.physics.stability.stable_depths import edge_table, edges_of, stable_share
-from millcal.physics.stability.zero_order import dynamics_of_modes, limit, limits_of_draws, mean_cutting_matrix
+from millcal.physics.stability.zero_order import dynamics_of_modes, limit, mean_cutting_matrix
+from millcal.physics.stability.zero_order_draws import limits_of_draws
 from millcal.physics.structure import Mode
 
 RPM = 2 * np.pi / 60

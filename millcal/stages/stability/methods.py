@@ -17,6 +17,7 @@ from millcal.errors import IllPosedError
 from millcal.physics.stability import zero_order
 from millcal.physics.stability.regeneration import HOPF, Crossings, Regeneration
 from millcal.physics.stability.stable_depths import edge_table, edges_of
+from millcal.physics.stability.zero_order_draws import limits_of_draws
 from millcal.stages.stability.lines import tip_of_lines, usable_lines
 from millcal.stages.stability.method import Asked, Method, Progress, Sampling, Solution
 from millcal.stages.stability.modes import poles_of_modes, tip_of_modes
@@ -66,7 +67,7 @@ def zoa(dynamics: Frf | Modes, asked: Asked) -> Method:
         assert tip.draws is not None
         assert tip.remainder is not None
         many = min(sampling.members, STRUCTURES)
-        depth = zero_order.limits_of_draws(
+        depth = limits_of_draws(
             sampling.speeds,
             list(tip.draws(sampling.rng, many)),
             np.array([_mean_matrix(cut.with_force(*force)) for force in _forces(cut, sampling.draws, many).tolist()]),

@@ -10,7 +10,8 @@ from millcal.physics.stability import floquet
 from millcal.physics.stability.one_direction import boundary, common_direction, signed_distance, stable_edges
 from millcal.physics.stability.regeneration import KINDS, Regeneration, tip_of_shapes
 from millcal.physics.stability.stable_depths import edge_table, edges_of, is_stable
-from millcal.physics.stability.zero_order import limits_of_one_mode, mean_cutting_matrix
+from millcal.physics.stability.zero_order import mean_cutting_matrix
+from millcal.physics.stability.zero_order_draws import limits_of_one_mode
 
 RPM = 2 * np.pi / 60
 STIFFNESS = 0.03993 * (2 * np.pi * 922.0) ** 2

@@ -15,12 +15,11 @@ from millcal.physics.stability.zero_order import (
     limit,
     limit_along,
     limit_of_one_mode,
-    limits_of_draws,
-    limits_of_one_mode,
     mean_cutting_matrix,
     minimum_of_one_mode,
     oriented,
 )
+from millcal.physics.stability.zero_order_draws import limits_of_draws, limits_of_one_mode
 from millcal.physics.structure import Mode, modal_receptance, receptance
 
 RPM = 2 * np.pi / 60
