@@ -9,7 +9,9 @@ from millcal.numerics.phase_tracking import track_phase
 PERIODS = 3  # of one stretch, over which the phase is taken for even
 FEWEST = 8  # stretches
 SMOOTH = 0.8  # correlation of the phase from one stretch to the next: less is noise
+LARGEST = 0.004  # change of the fundamental, relative: a larger one is another signal's
 GAINS = 0.02  # of the power, that more of it follows the fundamental
+MOST_OF_IT = 0.4  # of what did not: a tone of its own that draws the phase explains little
 
 
 def straightened(samples: np.ndarray, cycle: float, *, harmonics: int, every: int) -> tuple[np.ndarray, float] | None:
@@ -34,12 +36,16 @@ def straightened(samples: np.ndarray, cycle: float, *, harmonics: int, every: in
     if not np.std(off) > 0 or np.corrcoef(off[1:], off[:-1])[0, 1] < SMOOTH:
         return None
     middle = (edges[:-1] + edges[1:] - 1) / 2
-    late = np.interp(np.arange(n), middle, lead - lead.mean()) / (2 * np.pi * cycle * every)  # samples by which the phase is ahead
+    late = np.interp(np.arange(n), middle, lead - lead.mean()) / (
+        2 * np.pi * cycle * every
+    )  # samples by which the phase is ahead
+    if np.abs(np.diff(lead) / np.diff(middle)).max() > LARGEST * 2 * np.pi * cycle * every:
+        return None
     at = np.arange(n) - late
     at = np.clip(np.arange(n) - np.interp(at, np.arange(n), late), 0, n - 1)
     straight = np.array([strobe(row, at) for row in samples])
     before, after = (_followed(y, cycle, K) for y in (samples, straight))
-    return (straight, after - before) if after - before > GAINS else None
+    return (straight, after - before) if after - before > max(GAINS, MOST_OF_IT * (1 - before)) else None
 
 
 def _followed(samples: np.ndarray, cycle: float, harmonics: int) -> float:

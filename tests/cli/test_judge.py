@@ -1,0 +1,142 @@
+"""`millcal judge`: what it says, writes and refuses."""
+
+import json
+
+import numpy as np
+import pytest
+
+from millcal.cli import main
+from millcal.data import Channel, Judgement, Recording
+from millcal.io.cuts_log import read_cuts_log
+from millcal.io.recordings import write_recording
+from millcal.io.results import read_result, read_results
+from millcal.physics.cutter import Cutter, CuttingConditions
+
+RATE, SPINDLE, TEETH = 8000.0, 95.0, 3
+M_UM = 4 / np.pi * 2.6 * np.sin(np.pi * (871.0 / 285.0 - 3))  # both lines look alike once per tooth
+
+
+def recording(path, chatter, *, known=True, unit="m", quantity="displacement"):
+    """Half a micrometre of forced vibration, and chatter of some at 871 Hz."""
+    rng, time = np.random.default_rng(1), np.arange(6000) / RATE
+    y = sum(0.5e-6 / k * np.cos(2 * np.pi * TEETH * k * SPINDLE * time + k) for k in range(1, 6))
+    y += chatter * np.cos(2 * np.pi * 871.0 * time) + 0.3 * chatter * np.cos(2 * np.pi * (871.0 - 285.0) * time)
+    y += 5e-9 * rng.normal(size=len(time))
+    write_recording(
+        path,
+        Recording(
+            samples=y[np.newaxis],
+            sample_rate=RATE,
+            channels=(Channel("tip", quantity, unit, "tipX"),),
+            cutter=Cutter(diameter=12e-3, teeth=TEETH) if known else None,
+            conditions=CuttingConditions(2 * np.pi * SPINDLE, 0.1e-3, 1.5e-3, 4e-3, "down") if known else None,
+        ),
+    )
+
+
+@pytest.fixture
+def run(tmp_path, capsys, monkeypatch):
+    """Run the command beside recordings.   returns (exit code, stdout, stderr)"""
+    monkeypatch.chdir(tmp_path)
+    recording(tmp_path / "good.h5", 0.0)
+    recording(tmp_path / "bad.h5", 2e-6)
+    recording(tmp_path / "mute.h5", 2e-6, known=False)
+
+    def run(*words):
+        with pytest.raises(SystemExit) as end:
+            main(["judge", *map(str, words)])
+        said = capsys.readouterr()
+        return end.value.code, said.out, said.err
+
+    return run
+
+
+def test_the_keys_of_the_contract(run):
+    code, out, _ = run("bad.h5", "--json")
+    told = json.loads(out)
+    result = told["result"]
+    assert (code, told["command"], set(told["inputs"])) == (0, "judge", {"bad.h5"})
+    assert result["verdict"] == "chatter"
+    assert result["period"] is None
+    assert result["chatter_hz"] == pytest.approx(871.0, abs=0.3)
+    assert result["stable_rpm"][:2] == pytest.approx([871.0 * 60 / 3, 871.0 * 60 / 6], rel=1e-3)
+    assert result["M_um"] == pytest.approx(M_UM, rel=0.03)
+    assert result["spindle_speed_rpm"] == pytest.approx(5700.0, rel=1e-4)
+    stable = json.loads(run("good.h5", "--json")[1])["result"]
+    assert (stable["verdict"], stable["period"], stable["chatter_hz"]) == ("stable", 1, None)
+    assert stable["M_um"] < 0.02
+
+
+def test_a_reader_sees_the_verdict_first(run):
+    code, out, err = run("bad.h5")
+    assert code == 0
+    assert out.startswith("chatter: ")
+    assert "871" in out
+    assert "speeds it points to" in out
+    assert err == ""
+
+
+def test_several_cuts_make_a_table_and_a_log_that_can_be_read_back(run, tmp_path):
+    code, out, _ = run("good.h5", "bad.h5", "--log", "cuts.csv", "-o", "cuts.h5")
+    assert code == 0
+    assert "good.h5" in out.splitlines()[1]
+    good, bad = read_cuts_log(tmp_path / "cuts.csv")
+    assert (good.stable, bad.stable) == (True, False)
+    assert good.axial_depth == pytest.approx(1.5e-3)
+    assert good.radial_depth == pytest.approx(4e-3)
+    assert good.direction == "down"
+    assert bad.chatter_frequency == pytest.approx(871.0, abs=0.3)
+    assert bad.metric == pytest.approx(1e-6 * M_UM, rel=0.03)
+    kept = read_results(tmp_path / "cuts.h5", Judgement)
+    assert [cut.verdict for cut in kept] == ["stable", "chatter"]
+
+
+def test_a_result_and_a_figure_hold_what_was_said(run, tmp_path):
+    code, _, _ = run("bad.h5", "-o", "j.h5", "--figure", "j.svg")
+    assert code == 0
+    found = read_result(tmp_path / "j.h5", Judgement)
+    assert found.chatter_frequency == pytest.approx(871.0, abs=0.3)
+    assert (tmp_path / "j.svg").read_text().startswith("<?xml")
+    first = (tmp_path / "j.svg").read_bytes()
+    run("bad.h5", "--figure", "j.svg")
+    assert (tmp_path / "j.svg").read_bytes() == first
+
+
+def test_teeth_and_speed_on_the_command_line_do_for_a_file_that_says_nothing(run):
+    code, out, _ = run("mute.h5", "--teeth", 3, "--rpm", 5720, "--json")
+    assert code == 0
+    assert json.loads(out)["result"]["verdict"] == "chatter"
+    assert run("mute.h5", "--teeth", 3)[0] == 3
+    code, _, err = run("mute.h5")
+    assert code == 3
+    assert "--teeth" in err
+
+
+def test_modes_say_what_the_sample_rate_cannot_show(run, tmp_path):
+    (tmp_path / "setup.toml").write_text(
+        "[cutter]\ndiameter_mm = 12\nteeth = 3\n[[structure.modes]]\n"
+        'axis = "x"\nfn_hz = 5200\nzeta = 0.02\nk_N_per_m = 2e7\n'
+    )
+    code, _, err = run("good.h5", "--setup", "setup.toml")
+    assert code == 0
+    assert "[sample-rate]" in err
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (["bad.h5", "--channel", "mic"], 3, "no channel 'mic'"),
+        (["bad.h5", "good.h5", "--figure", "a.png"], 2, "one recording"),
+        (["bad.h5", "--figure", "a.bmp"], 2, "format"),
+        (["bad.h5", "--steady", "0.5", "0.2"], 2, "no stretch"),
+        (["bad.h5", "-o", "bad.h5"], 2, "written over"),
+        (["mute.h5", "--teeth", "3", "--rpm", "5700", "--log", "a.csv"], 3, "axial depth"),
+        (["nowhere.h5"], 3, "nowhere.h5"),
+    ],
+)
+def test_what_cannot_be_done_is_said_in_one_line(run, words, code, said):
+    found, out, err = run(*words)
+    assert found == code
+    assert out == ""
+    assert said in err
+    assert len(err.strip().splitlines()) == 1
