@@ -19,9 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 BLOCKS = 6  # of flashes, for the fall of a transient
-LEAST_FALL = (
-    0.5  # of log M over all blocks, to be called one
-)
+LEAST_FALL = 0.5  # of log M over all blocks, to be called one
 STRAIGHT = 0.1  # of that fall: how far log M may lie off the line
 RESTS = 0.1  # of M in the last block: what a power may leave, where M tends to
 
@@ -83,7 +81,8 @@ def dies(samples: np.ndarray, n: int) -> np.ndarray:
     fall = -slope * (BLOCKS - 1)
     first, second, third = np.moveaxis(level.reshape(*level.shape[:-1], 3, BLOCKS // 3).mean(axis=-1), -1, 0)
     bend = (first - second) - (second - third)
-    rest = third - (second - third) ** 2 / np.where(bend > 0, bend, np.inf)  # Aitken: where a power tends to
+    with np.errstate(over="ignore", invalid="ignore"):  # what grows beyond all bounds does not die
+        rest = third - (second - third) ** 2 / np.where(bend > 0, bend, np.inf)  # Aitken: where a power tends to
     return np.asarray((fall >= LEAST_FALL) & (off <= STRAIGHT * fall) & (bend > 0) & (rest <= RESTS * level[..., -1]))
 
 

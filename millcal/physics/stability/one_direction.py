@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from millcal.physics.stability.regeneration import FLIP, HOPF, Crossings, Regeneration, TipModes, chatter_frequency, h0
-from millcal.physics.stability.zero_order import single_modes
+from millcal.physics.stability.zero_order_draws import single_modes
 
 NODES = 16  # of Gauss in a stretch,
 TURN = 4.0  # and the free phase of a stretch, rad: the oscillation is resolved to 1e-11 at 1 + xi q = 3

@@ -10,6 +10,8 @@ from millcal.stages.stability.method import Asked, Method, Progress
 from millcal.stages.stability.modes import poles_of_modes
 from millcal.units import to_shop
 
+LINE = 100  # depths of a line of cuts whose resting places are drawn
+
 
 def held_against(tests: CutTests, speeds: np.ndarray, chosen: Method, cut: Regeneration) -> list[Notice]:
     """Which cuts went as the map says."""
@@ -39,10 +41,14 @@ def simulated_over(
     speeds: np.ndarray,
     grid: tuple[int, int],
     deepest: float,
+    along: float | None,
     progress: Progress,
-) -> tuple[SimulatedCuts | None, list[Notice]]:
-    """Cuts of the time domain on a grid over the map."""
-    from millcal.stages.stability.time_domain import simulated_cuts
+) -> tuple[SimulatedCuts, list[Notice]]:
+    """Cuts of the time domain on a grid over the map, and where those of one speed come to rest as the depth grows.
+
+    grid : speeds and depths   along : that one speed, rad/s, None: no such line
+    """
+    from millcal.stages.stability.time_domain import simulated_cuts, with_bifurcation
 
     if not isinstance(dynamics, Modes):
         raise IllPosedError("stability.simulate: the time domain needs modes; fit them first (millcal modes)")
@@ -53,15 +59,14 @@ def simulated_over(
     speed, depth = np.meshgrid(
         np.linspace(speeds[0], speeds[-1], many), deepest * np.arange(1, deep + 1) / deep, indexing="ij"
     )
+    tip = poles_of_modes(dynamics).tip
+    force = {"feed_per_tooth": asked.feed_per_tooth, "kte": kte, "kre": kre, "runout": asked.runout}
     found, notices = simulated_cuts(
-        poles_of_modes(dynamics).tip,
-        asked.cut,
-        speed.ravel(),
-        depth.ravel(),
-        feed_per_tooth=asked.feed_per_tooth,
-        kte=kte,
-        kre=kre,
-        runout=asked.runout,
-        progress=progress,
+        tip, asked.cut, speed.ravel(), depth.ravel(), progress=lambda share: progress(0.7 * share), **force
     )
+    if along is not None:
+        line = deepest * np.arange(1, LINE + 1) / LINE
+        found = with_bifurcation(
+            found, tip, asked.cut, along, line, progress=lambda share: progress(0.7 + 0.3 * share), **force
+        )
     return found, list(notices)

@@ -70,7 +70,8 @@ def map_stability(
     edge : (K_te, K_re) N/m, for torque, power and the time domain; None: those of the coefficients, if they have them
     members : draws for the band and the probabilities   probability : a map of them, True or its number of depths
     operating_point : (rad/s, m)   tests : cuts made, drawn over the map and held against it
-    simulate : (speeds, depths) of points cut in the time domain, whatever the method   rng : needed for a band
+    simulate : (speeds, depths) of points cut in the time domain, whatever the method; with an operating point also a line of
+    depths at its speed   rng : needed for a band
     """
     if method not in METHODS:
         raise ValueError(f"{method=} is none of {', '.join(METHODS)}")
@@ -181,7 +182,13 @@ def map_stability(
     simulated = solution.simulated
     if simulate is not None:
         simulated, told = simulated_over(
-            dynamics, asked, speeds, simulate, picture, lambda share: progress(0.92 + 0.08 * share, "cuts")
+            dynamics,
+            asked,
+            speeds,
+            simulate,
+            picture,
+            marked[0] if marked else None,
+            lambda share: progress(0.92 + 0.08 * share, "cuts"),
         )
         notices += told
     progress(1.0, "limit")

@@ -34,6 +34,7 @@ from millcal.physics.stability.regeneration import FLIP, HOPF, Crossings, Regene
 from millcal.physics.stability.time_domain import flashes_per_revolution, simulate_cut, simulate_points
 
 REPEATS = 1e-4  # of the feed per tooth: change from flash to flash up to which a cut repeats
+NO_MOTION = 1e-9  # of the feed: no force that a chip makes moves a tip so little
 LOCKED = 0.05  # of the change over one period: what may be left over n of them, where a cut repeats after n ..
 NEARLY = 0.01  # .. and of the feed per tooth: it may still be on its way there
 FLASHES = 200  # looked at, after as many that are not
@@ -225,6 +226,8 @@ def _simulated(what: _Cut, speed: float, depth: float) -> _Outcome:
     elif period != 1:
         locked = np.flatnonzero(found.lasting <= min(LOCKED * found.change[0], NEARLY * what.feed_per_tooth))
         period = int(locked[0]) + 1 if len(locked) else 0
+    if period == 1 and _cuts_nothing(samples, what.feed_per_tooth):
+        period = 0
     if 1 < each < what.cut.teeth and period > 1:  # a pattern of pitches that repeats within a revolution
         period = period // each if period % each == 0 and period > each else 0
     hidden = False
@@ -261,6 +264,17 @@ def _dies_out(levels: list[float]) -> bool:
     bend = steps[0] - steps[1]
     rest = last - steps[1] ** 2 / bend if bend > 0 else last  # Aitken: where a power tends to
     return bool(ratios.max() < FALLS and np.ptp(ratios) < EVEN * (1 - ratios.mean()) and rest < RESTS * last)
+
+
+def _cuts_nothing(samples: np.ndarray, feed_per_tooth: float) -> bool:
+    """Whether the tip comes to rest where no force is left: it has dug in once, and the surface is out of reach ever since.
+
+    A stable cut goes on being pushed, so that its motion tends to something.   samples : (phase, flash, 2)
+    """
+    size = np.abs(samples).max(axis=(0, 2))
+    quarter = len(size) // 4
+    first, last = size[:quarter].max(), size[-quarter:].max()
+    return bool(not last > 0.5 * first or last < NO_MOTION * feed_per_tooth)
 
 
 def _rows(samples: np.ndarray) -> np.ndarray:
