@@ -84,7 +84,7 @@ def _brief(found: StabilityMap, s: Mapping[str, Any]) -> list[str]:
         lines[0] += f", looked for down to {cell(s['deepest_mm'])} mm"
     lines += _best_speeds(s["best"]) if s["best"] else ["no pocket between lobes in this range of speeds"]
     if s["operating_point"] is not None:
-        lines += _operating(s["operating_point"])
+        lines += _operating(s["operating_point"], [s["limit"][i]["rpm"] for i in (0, -1)])
     if "tests" in s:
         lines += _tests(s["tests"])
     if "simulated" in s:
@@ -130,7 +130,8 @@ def _best_speeds(best: Sequence[Mapping[str, Any]]) -> list[str]:
     return [head, table((*header, *(["N m", "W"] if powered else [])), rows)]
 
 
-def _operating(p: Mapping[str, Any]) -> list[str]:
+def _operating(p: Mapping[str, Any], ends: Sequence[float]) -> list[str]:
+    """ends : the lowest and the highest speed of the map, rpm; a margin that reaches them may be wider"""
     bound = "no limit found" if p["limit_ap_mm"] is None else f"limit {cell(p['limit_ap_mm'])} mm"
     if p["limit_ap_mm_ci95"] is not None and p["limit_ap_mm"] is not None:
         bound += f" ({interval(p['limit_ap_mm_ci95'])})"
@@ -141,7 +142,10 @@ def _operating(p: Mapping[str, Any]) -> list[str]:
     lines.append(f"  stable; the limit is lost{by}{at}" if p["stable"] and (by or at) else
                  "  stable" if p["stable"] else f"  chatters{by}{at}")  # fmt: skip
     if p["speed_margin_rpm"] is not None and p["stable"]:
-        down, up = (cell(side) for side in p["speed_margin_rpm"])
+        down, up = (
+            "any" if side is None else f"{side:.0f}" + (" or more" if side > abs(end - p["rpm"]) - 0.5 else "")
+            for side, end in zip(p["speed_margin_rpm"], ends, strict=True)
+        )
         lines.append(f"  before this depth chatters the speed may fall by {down} rpm and rise by {up} rpm")
     return lines + [f"  - {what}" for what in p["advice"]]
 

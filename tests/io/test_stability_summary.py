@@ -85,7 +85,13 @@ def test_a_cut_without_a_limit_says_so_in_words(make_record):
     point = OperatingPoint(700.0, 1e-3, np.inf, True, "", np.nan, (np.inf, np.inf), 1.0, (np.inf, 30.0))
     said = text_of(replace(make_record("stability_map"), operating=point))
     assert "1 mm: no limit found, stable with probability 1" in said
-    assert "may fall by - rpm and rise by" in said
+    assert "may fall by any rpm and rise by 286 rpm" in said
+
+
+def test_a_margin_that_reaches_the_end_of_the_map_may_be_wider(make_record):
+    point = OperatingPoint(700.0, 0.5e-3, 1e-3, True, "hopf", 810.0, speed_margin=(200.0, 100.0))  # the map is from 500
+    said = text_of(replace(make_record("stability_map"), operating=point))
+    assert "the speed may fall by 1910 or more rpm and rise by 955 rpm" in said
 
 
 def test_the_operating_point_says_what_to_do(make_record):
