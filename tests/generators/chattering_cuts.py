@@ -18,7 +18,7 @@ NATURAL, DAMPING, STIFFNESS = np.array([922.0, 1100.0]), np.array([0.011, 0.02])
 DIAMETER = 12e-3
 QUANTITIES = {"displacement": "m", "acceleration": "m/s^2", "sound_pressure": "Pa"}
 MOVES = 0.01  # of the feed: less from turn to turn is none
-LITTLE, MUCH = 0.05, 0.25  # of the feed, from the mean to either side: every other tooth leaves the cut at a half
+LITTLE, MUCH = 0.05, 0.25  # of the feed, amplitude from tooth to tooth: every other tooth leaves the cut at a half
 
 
 @dataclass(frozen=True)
@@ -57,17 +57,18 @@ class Cut:
     def truth(self, found: TimeDomain) -> str:
         """What a cut with its runout does in the end: `stable`, `alternates`, `unclear` between the two, or `chatter`.
 
-        A motion that comes back every turn may still alternate from tooth to tooth by more than the teeth's offsets explain.
+        A motion that comes back every turn may still differ from tooth to tooth by more than the teeth's offsets explain.
         """
         turn = found.steps_per_revolution
         tooth = turn // self.teeth
         turns = found.displacement[0][-40 * turn :].reshape(-1, turn)
         if np.abs(np.diff(turns, axis=0)).mean(axis=0).max() > MOVES * self.feed:
             return "chatter"
-        if self.teeth % 2:
-            return "stable"
         by_tooth = turns.mean(axis=0).reshape(self.teeth, tooth)
-        swing = np.abs(np.mean(by_tooth * (-1.0) ** np.arange(self.teeth)[:, np.newaxis], axis=0)).max() / self.feed
+        ways = np.abs(np.fft.rfft(by_tooth, axis=0))[1:] / self.teeth * 2  # of teeth that differ
+        if self.teeth % 2 == 0:
+            ways[-1] /= 2
+        swing = ways.max(initial=0.0) / self.feed
         return "stable" if swing < LITTLE else "alternates" if swing > MUCH else "unclear"
 
 

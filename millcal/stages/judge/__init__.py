@@ -144,6 +144,8 @@ def judge_cut(
 
     tell(0.8, "verdict")
     plain = once_per_tooth(found.signal, found.rest, found.harmonics, cycle.cycle, drive, kept=np.arange(0))
+    differs = alternation(found.harmonics, found.noise, drive)
+    feed = None if recording.conditions is None else recording.conditions.feed_per_tooth
     verdict = judged(
         found,
         teeth=drive,
@@ -154,14 +156,15 @@ def judge_cut(
         far_off=abs(cycle.cycle * rate / stated - 1) > FAR_FROM_STATED and not recording.rows_of("pulse"),
         amplitudes=course(found.signal, found.family[0].frequency) if found.family else np.empty(0),
         changes=plain.change,
-        alternating=alternation(found.harmonics, found.noise, drive),
+        alternating=differs,
         alternating_grows=_alternating_grows(found.signal, cycle.cycle, drive, revolutions),
-        expected=expected_chips(
-            recording.cutter, None if recording.conditions is None else recording.conditions.feed_per_tooth
-        ),
+        expected=None if differs is None else expected_chips(recording.cutter, feed, differs.step),
     )
-    half = np.arange(drive // 2, len(found.harmonics), drive) if verdict.alternates else np.arange(0)
-    strobes = once_per_tooth(found.signal, found.rest, found.harmonics, cycle.cycle, drive, kept=half)
+    order = np.arange(len(found.harmonics))
+    kept = np.zeros(len(order), bool)
+    if verdict.alternates and differs is not None:
+        kept = (order % drive == differs.step) | (order % drive == drive - differs.step)
+    strobes = once_per_tooth(found.signal, found.rest, found.harmonics, cycle.cycle, drive, kept=order[kept])
     for tone, why in found.machine[:3]:
         if tone.power >= TOLD * found.power:
             note(

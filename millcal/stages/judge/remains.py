@@ -23,7 +23,10 @@ LARGEST_HUM = 0.1  # of the power: more is no hum
 ALONE = 0.05  # of its power: smaller company says nothing
 OVERTONES = 4  # of the chatter frequency that belong to it
 FOLDS = 3
-LARGEST_FOLDED = 0.3  # share of the power: more is no high harmonic folded
+LARGEST_FOLDED = 0.1  # share of the power: more is no high harmonic folded
+AS_LARGE = (
+    4.0  # times the largest harmonic of the teeth in the upper half of the spectrum; beyond, harmonics are smaller
+)
 BLOCKS = 12
 
 
@@ -84,11 +87,13 @@ def look(
     whole = max(followed + sum(tone.power for tone in tones), 1e-300)
     groups = families(sharp, cycle, 1.0 / size)
     rolled_off = falls_off(spectrum.power[0]) if rolled_off is None else rolled_off
+    upper = own[teeth * int(np.ceil(0.25 / (teeth * cycle))) :: teeth]  # from a quarter of the sample rate on
+    foldable = 0.0 if rolled_off else AS_LARGE * float(upper.max(initial=0.0))
     machine: list[tuple[Tone, str]] = []
     left = []
     for group in groups:
         why = _not_of_the_cut(
-            group, sum(tone.power for tone in group) / whole, air, cycle, cycle_sd, teeth, rate, size, rolled_off
+            group, sum(tone.power for tone in group) / whole, air, cycle, cycle_sd, teeth, rate, size, foldable
         )
         machine += [(tone, why) for tone in group] if why else []
         left += [] if why else [group]
@@ -145,9 +150,9 @@ def _not_of_the_cut(
     teeth: int,
     rate: float,
     size: int,
-    rolled_off: bool,
+    foldable: float,
 ) -> str:
-    """Why the tones of a family are none of chatter; empty where they are."""
+    """Why the tones of a family are none of chatter; empty where they are.   foldable : power up to which one may be folded"""
     tone = group[0]
     heard = air is not None and len(air) > 16 / cycle
     if heard and amplitude_at(air, tone.frequency) > IN_AIR * np.sqrt(2 * tone.power):
@@ -157,7 +162,7 @@ def _not_of_the_cut(
             large = [other for other in group if other.power > ALONE * tone.power]
             if all(_is_hum(other, hum, rate, size) for other in large):
                 return f"a multiple of {hum:g} Hz: hum of the mains"
-    if share < LARGEST_FOLDED and not rolled_off:
+    if share < LARGEST_FOLDED and tone.power < foldable:
         passing = teeth * cycle
         for fold in range(1, FOLDS + 1):
             for above in (fold - tone.frequency, fold + tone.frequency):

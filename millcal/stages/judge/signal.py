@@ -104,7 +104,7 @@ def cutting_stretch(
         stop = min(stop, length)
     else:
         first, last = found
-        trim = max(2, (last - first) // 30)  # ramps
+        trim = max(FRAME // 2 + 2, (last - first) // 20)  # ramps, and what rings when the tool enters or leaves
         first += trim if first > 0 and last - first > 4 * trim else 0
         last -= trim if last < len(strength) and last - first > 4 * trim else 0
         start = int(survey.edges[first])

@@ -35,7 +35,7 @@ class Finding(NamedTuple):
     period: int | None
     tones: list[Tone]  # of the chatter, strongest first
     share: float
-    alternates: bool  # the harmonics at odd multiples of half the tooth passing are chatter
+    alternates: bool  # harmonics of the spindle between those of the tooth passing are chatter
 
 
 def company(family: list[Tone], passing: float, size: int) -> int:
@@ -164,8 +164,8 @@ def judged(
     if alternating is not None and alternating.power > SURE:
         order = alternating.strongest
         why += (
-            f"; runout shows {alternating.power:.2g} times the power of the tooth passing at odd multiples of half of it, the "
-            f"most at {order * cycle * rate:.5g} {unit}"
+            f"; runout shows {alternating.power:.2g} times the power of the tooth passing between its harmonics, the most at "
+            f"{order * cycle * rate:.5g} {unit}"
         )
     if found.family and found.share >= WITH_COMPANY:
         why += f"; a line at {found.family[0].frequency * rate:.5g} {unit} dies away"
@@ -206,24 +206,26 @@ def _alternation(
 ) -> Finding | None:
     """A flip, or why it cannot be told from runout; None where it is runout.   cycle : turns per sample   rate : Hz"""
     said = reading(found, teeth, expected)
+    flips = found.period == 2
+    grows = grows and flips
     at = found.strongest * cycle * rate
     share = found.power / (1 + found.power)
+    who = "every other tooth cuts otherwise" if flips else f"the teeth cut differently, again after {found.period}"
     if said == "runout" and not (grows and found.power >= SMALL):
         return None
-    if said == "flip" or grows:
+    if said == "own" or grows:
         line = Tone(found.strongest * cycle, 0.0, share, True)
-        why = (
-            f"every other tooth cuts otherwise, with {share:.0%} of the power at odd multiples of half the tooth passing, the most "
-            f"at {at:.5g} Hz"
-        )
-        why += "; it grows against the tooth passing: a flip" if grows else (
-            ": a flip; only runout so large that every other tooth cuts nothing would look the same"
-            if expected is None
-            else ": a flip, far more than the measured runout makes"
-        )  # fmt: skip
-        return Finding("period-n", why, 2, [line], share, True)
+        cause = ": a flip" if flips else ": chatter locked to the spindle"
+        if grows:
+            cause = "; it grows against the tooth passing" + cause
+        elif expected is None:
+            cause += "; only runout so large that some teeth cut nothing would look the same"
+        else:
+            cause += ", far more than the measured runout makes"
+        why = f"{who}, with {share:.0%} of the power in such lines, the most at {at:.5g} Hz{cause}"
+        return Finding("period-n", why, found.period, [line], share, True)
     return _unknown(
-        f"every other tooth cuts otherwise ({found.power:.2g} times the power of the tooth passing, the most at {at:.5g} Hz): "
-        "strong runout near a resonance and a flip look the same here; a cut at a speed some percent away, or the cutter's "
-        "measured runout, would tell"
+        f"{who} ({found.power:.2g} times the power of the tooth passing, the most at {at:.5g} Hz): strong runout near a resonance "
+        f"and {'a flip' if flips else 'chatter locked to the spindle'} look the same here; a cut at a speed some percent away, or "
+        "the cutter's measured runout, would tell"
     )
