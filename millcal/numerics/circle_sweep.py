@@ -122,18 +122,22 @@ def _doubtful(angle: np.ndarray, value: np.ndarray, largest: float) -> tuple[_Ch
     distance = np.abs(before[:, :, np.newaxis] - behind[:, np.newaxis, :])  # (step, from, to)
     after = np.argmin(distance, axis=2)
     jump = np.take_along_axis(distance, after[:, :, np.newaxis], axis=2)[:, :, 0]
-    back = np.argmin(distance, axis=1)
-    mutual = np.take_along_axis(back, after, axis=1) == np.arange(kept.shape[1])
+    back, jump_back = np.argmin(distance, axis=1), np.min(distance, axis=1)
+    here = np.arange(kept.shape[1])
+    mutual = np.take_along_axis(back, after, axis=1) == here
+    mutual_back = np.take_along_axis(after, back, axis=1) == here
     np.put_along_axis(distance, after[:, :, np.newaxis], np.inf, axis=2)
     second = distance.min(axis=2)
-    arrival = np.take_along_axis(behind, after, axis=1)
+    arrival, origin = np.take_along_axis(behind, after, axis=1), np.take_along_axis(before, back, axis=1)
 
     to_ray = np.minimum(_distance_to_ray(before, floor), _distance_to_ray(arrival, floor))
     size = np.maximum(np.abs(before), np.abs(arrival))
     may_cross = to_ray <= jump
     unclear = may_cross & (~mutual | (second < 2 * jump))
     fast = (jump > 0.5 * size) & (size > floor) & (np.minimum(before.real, arrival.real) < 0) & (to_ray <= 2 * jump)
-    doubt = np.any(unclear | fast, axis=1)
+    # and from behind: a sharp resonance may carry one so far in a step that the nearest to it is a tiny one
+    lost = ~mutual_back & (np.minimum(_distance_to_ray(behind, floor), _distance_to_ray(origin, floor)) <= jump_back)
+    doubt = np.any(unclear | fast | lost, axis=1)
     chart = _Chart(angle, kept, after)
     if len(angle) > 2:
         doubt |= _turns_back(chart, floor)

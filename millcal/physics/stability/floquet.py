@@ -18,10 +18,8 @@ Eliminating z, mu is a multiplier at depth b where det(1 + b K(mu) (S0 - S1 / mu
 all depths at which mu is a given number of the unit circle are eigenvalues of one small matrix: those of period doubling at
 mu = -1 at once, all others by going round the circle (`all_crossings`).
 
-Order: with d = -log10(tolerance) decades, n = ceil(x / 2 + d / 2 + (0.3 + 0.27 d) x^(1/3)) nodes hold |mu| to the tolerance,
-x = (w / Omega + 2) L being the phase of the highest mode, stiffened by the cut, along the longest piece L. The polynomials of
-a wave of phase x die out as Bessel functions do, beyond the order x / 2 over a width of x^(1/3); the factors are from
-experience, no bound: of the random cases of the tests none misses the tolerance.
+Order: `cut_period.nodes_of`, with the phase x = (w / Omega + 2) L of the highest mode, stiffened by the cut, along the longest
+piece L.
 
 What it leaves out: a tooth that loses contact, motion along z and twist, forces that change with the feed. Peers step through
 the period (semi-discretization: Insperger, Stepan 2002 and 2011) and need tens to hundreds of times the work for the same
@@ -34,7 +32,7 @@ from collections.abc import Callable
 import numpy as np
 
 from millcal.errors import IllPosedError
-from millcal.physics.stability.cut_period import gauss_tables, orders_of, pieces_of, unknowns_of
+from millcal.physics.stability.cut_period import gauss_tables, nodes_of, orders_of, pieces_of, unknowns_of
 from millcal.physics.stability.regeneration import (
     FLIP,
     FOLD,
@@ -42,7 +40,6 @@ from millcal.physics.stability.regeneration import (
     Crossings,
     Regeneration,
     TipModes,
-    chatter_frequency,
 )
 
 TOLERANCE = 1e-4  # of |mu|
@@ -64,8 +61,7 @@ def order_of(
     for b in np.unique(depth) if cut.wind else (0.0,):
         longest[depth == b if cut.wind else ...] = pieces_of(cut, float(b)).length.max()
     waves = (stiffened / speed + 2) * longest
-    decades = -math.log10(tolerance)
-    order = np.ceil(waves / 2 + decades / 2 + (0.3 + 0.27 * decades) * np.cbrt(waves)).astype(int)
+    order = nodes_of(waves, tolerance)
     if np.any(order > HIGHEST_ORDER):
         at = int(np.argmax(order))
         rpm, mm = float(speed.flat[at]) * 60 / (2 * math.pi), float(depth.flat[at]) * 1e3
@@ -73,7 +69,7 @@ def order_of(
             f"stability.rpm: at {rpm:.0f} rpm and {mm:.3g} mm a tooth cuts through {waves.max() / 6.3:.0f} waves, too many for "
             "floquet; begin the map at a higher speed, look less deep, or use zoa, which is good where so many lobes crowd"
         )
-    return np.maximum(order, 3)
+    return order
 
 
 def problem_of(tip: TipModes, cut: Regeneration, depth: float, order: int):
@@ -156,12 +152,12 @@ def _grouped(
     depth: np.ndarray,
     tip: TipModes,
     cut: Regeneration,
-    order: int | None,
+    order: int | np.ndarray | None,
     tolerance: float,
     run: Callable,
 ) -> None:
     """Call `run(problem, points, depths)` for each order, and with a helix for each depth."""
-    orders = np.full(len(speed), order) if order else order_of(speed, depth, tip, cut, tolerance)
+    orders = order_of(speed, depth, tip, cut, tolerance) if order is None else np.broadcast_to(order, speed.shape)
     for n in np.unique(orders):
         chosen = np.flatnonzero(orders == n)
         if not cut.wind:
@@ -252,7 +248,7 @@ def boundary(
     known = (np.empty(0, int), np.empty(0)) if cut.wind else _flips(speed, tip, cut, deepest, orders)
     model = _Multipliers(speed, orders, tip, cut, progress)
     found = crossings_in_columns(model, len(speed), deepest, depths, known, depth_tolerance)
-    return _crossings(speed, found.column, found.depth, found.kind, found.multiplier, found.loses, tip, cut)
+    return _crossings(speed, found.column, found.depth, found.kind, found.multiplier, found.loses, tip, cut, orders)
 
 
 def all_crossings(
@@ -300,7 +296,7 @@ def all_crossings(
         kind = np.where((found.angle == 0) | (found.angle == np.pi), at_end, HOPF)
         parts.append((np.full(len(kind), i), found.factor, kind, np.exp(1j * found.angle), found.rising))
     column, depth, kind, multiplier, loses = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return _crossings(speed, column, depth, kind, multiplier, loses, tip, cut)
+    return _crossings(speed, column, depth, kind, multiplier, loses, tip, cut, orders)
 
 
 KEPT = 12  # multipliers of a point, largest first
@@ -335,7 +331,37 @@ class _Multipliers:
         return found
 
 
-def _crossings(speed, column, depth, kind, multiplier, loses, tip, cut) -> Crossings:
-    period = (2 * np.pi / cut.teeth if cut.equal_pitch else 2 * np.pi) / speed[column]
-    frequency = chatter_frequency(multiplier, period, tip) if len(column) else np.empty(0)
+def chatter_frequency(
+    spindle_speed: np.ndarray,
+    depth: np.ndarray,
+    multiplier: np.ndarray,
+    tip: TipModes,
+    cut: Regeneration,
+    *,
+    orders: np.ndarray | None = None,
+) -> np.ndarray:
+    """Of the aliases |arg(mu) / (2 pi T) + k / T| of multipliers the one at which the tip moves most, by its eigenvector.
+
+    A multiplier tells a frequency up to whole numbers of the period. The nearest to the largest receptance, which is often
+    taken, is another one in a fifth of the reference cases: what a mode does depends on what the cut feels of it.
+
+    spindle_speed, depth : (n,) rad/s, m   multiplier : complex (n,)   orders : nodes, integer (n,); None: by the rule
+    returns (n,) Hz
+    """
+    from millcal.physics.stability.floquet_kernel import loudest
+
+    speed, depth = np.asarray(spindle_speed, float), np.asarray(depth, float)
+    found = np.empty(len(speed))
+
+    def run(problem, chosen: np.ndarray, force: np.ndarray) -> None:
+        out = np.empty(len(chosen))
+        loudest(problem, np.ascontiguousarray(speed[chosen]), force, np.ascontiguousarray(multiplier[chosen]), out)
+        found[chosen] = out
+
+    _grouped(speed, depth, tip, cut, orders, TOLERANCE, run)
+    return found
+
+
+def _crossings(speed, column, depth, kind, multiplier, loses, tip, cut, orders) -> Crossings:
+    frequency = chatter_frequency(speed[column], depth, multiplier, tip, cut, orders=orders[column])
     return Crossings(column, depth, kind, frequency, loses)

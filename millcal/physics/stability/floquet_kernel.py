@@ -490,3 +490,75 @@ def flips(p, speed, deepest, out, count):
                 found += 1
         out[i, :found].sort()
         count[i] = found
+
+
+@njit(cache=True)
+def loudest(p, speed, depth, multiplier, out):
+    """Of the frequencies that a multiplier may stand for the one at which the tip moves most, Hz.
+
+    Its motion is e^{st} times a periodic one, s = ln(mu) / T: the null vector w of 1 + b K(mu) (S0 - S1 / mu) makes the force,
+    and each harmonic of that moves the tip by G(s + 2 pi j k / T).
+
+    speed, depth, out : (point,)   multiplier : complex (point,)
+    """
+    gamma, phi, evolution, feed, block, power, ends, waves, _, _, _, _, _ = _room(p)
+    unknowns, states = phi.shape
+    away, given = np.empty((states, states), np.complex128), feed.astype(np.complex128)
+    wave, loop = np.empty((unknowns, unknowns), np.complex128), np.empty((unknowns, unknowns), np.complex128)
+    begin = np.empty(unknowns, np.complex128)
+    share = np.empty(unknowns)
+    for a in range(unknowns):
+        n = p.order[p.piece[a]]
+        share[a] = p.length[p.piece[a]] * p.weight[p.table[p.piece[a]], n, : n + 2, p.place[a]].sum()
+    highest = np.abs(p.pole).max()
+    for i in range(len(speed)):
+        if i == 0 or speed[i] != speed[i - 1]:
+            _prepare(p, speed[i], gamma, phi, evolution, feed, block, power, ends, waves)
+        mu = multiplier[i]
+        for k in range(states):
+            for c in range(states):
+                away[k, c] = -evolution[k, c]
+            away[k, k] += mu
+            for a in range(unknowns):
+                given[k, a] = feed[k, a]
+        carried = np.linalg.solve(away, given)
+        for a in range(unknowns):
+            begin[a] = math.cos(1.0 + a * a)  # any vector that no mode is at right angles to
+            for b in range(unknowns):
+                wave[a, b] = p.now[a, b]
+                total = gamma[a, b] + 0j
+                for k in range(states):
+                    total += phi[a, k] * carried[k, b]
+                loop[a, b] = total
+            for k in range(len(p.memory)):
+                wave[a, p.memory[k]] -= p.before[a, k] / mu
+        whole = depth[i] * (loop @ wave)
+        for a in range(unknowns):
+            whole[a, a] += 1.0 + 1e-12j  # beside the pole, not on it
+        force = wave @ np.linalg.solve(whole, begin)
+        time = p.period / speed[i]
+        base = np.log(mu) / time
+        reach = math.ceil(1.5 * highest * time / (2 * math.pi)) + 2
+        most = -1.0
+        for k in range(-reach, reach + 1):
+            s = base + 2j * math.pi * k / time
+            x = y = 0j
+            for a in range(unknowns):
+                part = force[a] * share[a] * np.exp(-s * _angle(p, a) / speed[i])
+                if p.rubs[a]:
+                    part /= speed[i]
+                x += part * p.column[a, 0]
+                y += part * p.column[a, 1]
+            right, up = (
+                p.flexibility[0, 0] * x + p.flexibility[0, 1] * y,
+                p.flexibility[1, 0] * x + p.flexibility[1, 1] * y,
+            )
+            for m in range(len(p.pole)):
+                one = (p.given[m, 0] * x + p.given[m, 1] * y) / (s - p.pole[m])
+                other = (np.conj(p.given[m, 0]) * x + np.conj(p.given[m, 1]) * y) / (s - np.conj(p.pole[m]))
+                right += p.output[m, 0] * one + np.conj(p.output[m, 0]) * other
+                up += p.output[m, 1] * one + np.conj(p.output[m, 1]) * other
+            size = abs(right) ** 2 + abs(up) ** 2
+            if size > most:
+                most = size
+                out[i] = abs(s.imag) / (2 * math.pi)

@@ -30,7 +30,7 @@ import numpy as np
 
 from millcal.errors import IllPosedError
 from millcal.numerics.circle_sweep import circle_crossings, first_angles
-from millcal.physics.stability.cut_period import lagrange, pieces_of
+from millcal.physics.stability.cut_period import lagrange, nodes_of, pieces_of
 from millcal.physics.stability.measured_receptance import Receptance, receptance_of_lines
 from millcal.physics.stability.regeneration import FLIP, FOLD, HOPF, Crossings, Regeneration, h0
 
@@ -161,7 +161,7 @@ class MeasuredCut:
             return self.order
         longest = float(pieces_of(self.cut, 0.0).length.max())
         waves = (2 * np.pi * self.highest / spindle_speed + 2) * longest
-        order = int(np.ceil(waves / 2 + 5 + 2 * np.log10(1e-3 / self.tolerance)))
+        order = int(nodes_of(waves, self.tolerance))
         if order > HIGHEST_ORDER:
             rpm = spindle_speed * 30 / np.pi
             raise IllPosedError(
@@ -245,7 +245,7 @@ def crossings_at(
     period = problem.period(spindle_speed)
     found = circle_crossings(lambda angle: circle_matrix(angle, basis, problem.receptance, period), problem.deepest)
     kind = np.select([found.angle == np.pi, found.angle == 0], [FLIP, FOLD], HOPF)
-    chatter = loudest(found.angle, problem.receptance, period)
+    chatter = loudest(found.angle, found.factor, problem, basis, period)
     return Crossings(np.full(len(kind), index), found.factor, kind, chatter, found.rising), found.angle
 
 
@@ -256,9 +256,22 @@ def one_behind_the_other(parts: list[Crossings]) -> Crossings:
     return Crossings(*(np.concatenate(part) for part in zip(none, *ascending, strict=True)))
 
 
-def loudest(angle: np.ndarray, receptance: Receptance, period: float) -> np.ndarray:
-    """Of the frequencies |theta + 2 pi k| / (2 pi T) the one at which the tip answers most.   returns (angle,) Hz"""
-    most = int(np.ceil(receptance.frequency[-1] * period)) + 1
-    alias = np.abs(angle[:, np.newaxis] / (2 * np.pi) + np.arange(-most, most)) / period
-    size = np.abs(receptance.at(alias)).max(axis=(2, 3))
-    return alias[np.arange(len(angle)), np.argmax(size, axis=1)]
+def loudest(angle: np.ndarray, depth: np.ndarray, problem: MeasuredCut, basis: CutBasis, period: float) -> np.ndarray:
+    """Of the frequencies |theta + 2 pi k| / (2 pi T) the one at which the tip moves most, by the eigenvector.
+
+    angle : theta of crossings, (n,) rad   depth : (n,) m   returns (n,) Hz
+    """
+    if not len(angle):
+        return np.empty(0)
+    most = harmonics_within(problem.receptance, period)
+    frequency = (angle[:, np.newaxis] / (2 * np.pi) + np.arange(-most, most)) / period
+    loop = circle_matrix(angle, basis, problem.receptance, period)
+    unit = (1 + 1e-12j) * np.eye(len(basis.of))  # beside the pole, not on it
+    begin = np.cos(1.0 + np.arange(len(basis.of)) ** 2)  # any vector that no mode is at right angles to
+    unknown = np.linalg.solve(
+        unit + depth[:, np.newaxis, np.newaxis] * loop, np.tile(begin, (len(angle), 1))[..., None]
+    )
+    back = basis.tables(angle, most)[1][:, :, basis.of]  # (n, harmonic, unknown)
+    force = np.einsum("nku,nu,ui->nki", back, unknown[..., 0], basis.forces)
+    motion = np.einsum("nkij,nkj->nki", problem.receptance.at(frequency), force)
+    return np.abs(frequency[np.arange(len(angle)), np.argmax(np.linalg.norm(motion, axis=2), axis=1)])

@@ -27,7 +27,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from millcal.physics.stability.regeneration import FLIP, HOPF, Crossings, Regeneration, TipModes, chatter_frequency, h0
+from millcal.physics.stability.floquet import chatter_frequency
+from millcal.physics.stability.regeneration import FLIP, HOPF, Crossings, Regeneration, TipModes, h0
 from millcal.physics.stability.zero_order_draws import single_modes
 
 NODES = 16  # of Gauss in a stretch,
@@ -121,7 +122,7 @@ def boundary(
     depth, flip = edges[speed, place], flips[speed, place]
     angle = np.empty(len(depth))
     polish(series, speed, scale, decay, flip, depth, angle)
-    frequency = chatter_frequency(np.exp(1j * angle), 2 * np.pi / (cut.teeth * speeds[speed]), tip)
+    frequency = chatter_frequency(speeds[speed], depth, np.exp(1j * angle), tip, cut)
     return Crossings(speed, depth, np.where(flip, FLIP, HOPF), frequency, place % 2 == 0)
 
 

@@ -150,21 +150,3 @@ def h0(angle: np.ndarray, ktc: float, krc: float) -> np.ndarray:
     s, c = np.sin(angle), np.cos(angle)
     force = np.stack([ktc * c + krc * s, krc * c - ktc * s], axis=-1)
     return force[..., :, np.newaxis] * np.stack([s, c], axis=-1)[..., np.newaxis, :]
-
-
-def chatter_frequency(multiplier: np.ndarray, period: np.ndarray, tip: TipModes) -> np.ndarray:
-    """The alias |arg(mu) / (2 pi T) + k / T| at which the tip answers most.
-
-    A multiplier tells the frequency up to whole numbers of the period; what is seen is the one near a resonance.
-
-    multiplier : complex (n,)   period : T, (n,) s   returns (n,) Hz
-    """
-    multiplier = np.atleast_1d(multiplier)
-    period = np.broadcast_to(np.asarray(period, float), multiplier.shape)
-    highest = np.max(np.abs(tip.pole)) / (2 * np.pi)
-    found = np.empty(len(multiplier))
-    for i, (mu, tau) in enumerate(zip(multiplier, period, strict=True)):
-        reach = int(np.ceil(1.5 * highest * tau)) + 2
-        alias = np.abs(np.angle(mu) / (2 * np.pi) + np.arange(-reach, reach + 1)) / tau
-        found[i] = alias[np.argmax(np.abs(tip.receptance(alias)).max(axis=(1, 2)))]
-    return found

@@ -142,7 +142,7 @@ def map_stability(
     both = _stacked(table, beside_table)
 
     spread = None
-    if rng is not None and members > 1:
+    if rng is not None and members > 1 and chosen.banded:
         dear = chosen.draw is not None or draws is not None  # else the noise is known at every speed
         at = band_speeds(speeds, extra, chosen.band_speeds if dear else None)
         order = np.argsort(everywhere, kind="stable")
@@ -239,6 +239,7 @@ def _beside(
         return solution.edges, solution.inverse_sd, []
     checked = chosen.check(speeds, cut)
     one, other = (np.minimum(edge_table(e, len(speeds))[:, 0], chosen.deepest) for e in (solution.edges, checked))
+    lower = other <= one * (1 + ALIKE)  # of two ways to one limit the one that promises less is believed
     missed = np.flatnonzero(other < one * (1 - ALIKE))
     notices = []
     if len(missed):
@@ -248,7 +249,14 @@ def _beside(
             "the map had missed; there may be others between the speeds shown"
         )
         notices.append(Notice("pocket-missed", what))
-    return checked, solution.inverse_sd, notices
+    believed = [
+        Crossings(*(part[chosen_here] for part in edges))
+        for edges, whose in ((checked, lower), (solution.edges, ~lower))
+        for chosen_here in [whose[edges.speed]]
+    ]
+    together = Crossings(*(np.concatenate(parts) for parts in zip(*believed, strict=True)))
+    order = np.lexsort((together.depth, together.speed))
+    return Crossings(*(part[order] for part in together)), solution.inverse_sd, notices
 
 
 def _stacked(one: np.ndarray, other: np.ndarray) -> np.ndarray:
@@ -280,7 +288,7 @@ def _operating(
         wound = replace(cut, wind=float(np.tan(HELIX)) / cutter.radius)
         tried = [(f"a cutter of {n} teeth" if n > 1 else "a cutter of one tooth", replace(cut, teeth=n, pitch=None))
                  for n in (cut.teeth + 1, cut.teeth - 1) if n]  # fmt: skip
-        if cut.wind < wound.wind / 2:
+        if abs(cut.wind) < wound.wind / 2:
             tried.append((f"a helix of {np.degrees(HELIX):.0f} deg", wound))
         found = []
         for what, other in tried:

@@ -66,6 +66,7 @@ class Method:
     ratios: int = 2  # K_rc / K_tc at which draws of coefficients are solved,
     strengths: int = 1  # and K_tc; 1: depths go with 1 / K
     draw: Callable[[Sampling], np.ndarray] | None = None  # structures as they may be: edges (member, speed, edge) m
+    banded: bool = True  # whether what is uncertain is followed at all
     band_speeds: int | None = None  # speeds of the band; None: all
     check: Callable[[np.ndarray, Regeneration], Crossings] | None = None  # edges at a few speeds, found another way
     told: Callable[[np.ndarray, Solution, np.random.Generator | None], list[Notice]] | None = None  # of the whole map

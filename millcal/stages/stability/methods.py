@@ -40,6 +40,7 @@ LOOKED = 200  # speeds at which zoa is asked how deep to look
 DEEPER = 1.25  # times the deepest pockets of zoa
 OVER_MINIMUM = 12.0  # times its lowest limit, at most,
 OVER_DIAMETER = 3.0  # and times the cutter's diameter: pockets deeper than that are for no cutter
+BEYOND_POINT = 1.5  # times the operating depth and the deepest test: as far at least
 DISAGREE = 0.2  # share by which two methods may differ before it is told
 
 
@@ -47,7 +48,7 @@ def zoa(dynamics: Frf | Modes, asked: Asked) -> Method:
     """The zero-order approximation."""
     cut = asked.cut
     tip = _zero_order_tip(dynamics, asked)
-    deepest = np.inf if asked.deepest is None else asked.deepest
+    deepest, told = (np.inf, []) if asked.deepest is None else _as_asked(asked)
 
     def solve(speeds: np.ndarray, cut: Regeneration, progress: Progress) -> Solution:
         matrix = _mean_matrix(cut)
@@ -88,7 +89,7 @@ def zoa(dynamics: Frf | Modes, asked: Asked) -> Method:
         ratios=RATIOS,
         draw=None if tip.draws is None else draw,
         told=lambda speeds, solution, rng: _band_notices(tip, speeds, _mean_matrix(cut), solution),
-        notices=(*tip.notices, *_left_out_by_zero_order(cut)),
+        notices=(*tip.notices, *told, *_left_out_by_zero_order(cut)),
     )
 
 
@@ -141,9 +142,8 @@ def floquet(dynamics: Frf | Modes, asked: Asked) -> Method:
         strengths=3 if asked.cut.wind or asked.cut.indentation else 1,
         draw=None if poles.draws is None else draw,
         band_speeds=None if one_mode else many_speeds,
-        check=None
-        if asked.cut.wind
-        else check,  # a matrix that depends on the depth has no eigenvalues to go round with
+        # a matrix that depends on the depth has no eigenvalues to go round with; of many teeth at once they are many
+        check=None if asked.cut.wind or asked.cut.in_cut >= 1 else check,
         told=lambda speeds, solution, rng: _against(first, asked.cut, speeds, solution, deepest, "floquet"),
         notices=(*_of_the_structure(first), *poles.notices, *notices, *_left_out_by_floquet(asked.cut)),
     )
@@ -228,6 +228,7 @@ def time_domain(dynamics: Frf | Modes, asked: Asked) -> Method:
         solve=solve,
         deepest=deepest,
         refine=(0, 0),
+        banded=False,
         told=lambda speeds, solution, rng: _against(first, asked.cut, speeds, solution, deepest, "time-domain"),
         notices=(
             *_of_the_structure(first),
@@ -265,10 +266,10 @@ def _modes(dynamics: Frf | Modes, method: str) -> Modes:
 def _look_to(first: Method, asked: Asked) -> tuple[float, list[Notice]]:
     """How deep to look: as asked, else past the deepest pockets of the zero-order limit, the operating point and the tests."""
     if asked.deepest is not None:
-        return asked.deepest, []
+        return _as_asked(asked)
     low, high = asked.speeds
     found = first.solve(np.linspace(low, high, LOOKED), asked.cut, lambda share: None).edges.depth
-    wanted = [1.5 * asked.least_depth]
+    wanted = [BEYOND_POINT * asked.least_depth]
     if len(found):
         pockets = min(DEEPER * float(found.max()), OVER_MINIMUM * float(found.min()))
         wanted.append(min(pockets, max(OVER_DIAMETER * 2 * asked.cut.radius, DEEPER * float(found.min()))))
@@ -279,6 +280,19 @@ def _look_to(first: Method, asked: Asked) -> tuple[float, list[Notice]]:
         )
     what = f"looked for limits down to {_mm(deepest)} mm, as far as pockets of the zero-order limit are of use; deepest_mm sets it"
     return deepest, [Notice("deepest", what, "stability.deepest_mm", "note")]
+
+
+def _as_asked(asked: Asked) -> tuple[float, list[Notice]]:
+    """The depth asked for, or what the operating point and the tests need to be told stable from."""
+    assert asked.deepest is not None
+    least = BEYOND_POINT * asked.least_depth
+    if asked.deepest >= least:
+        return asked.deepest, []
+    what = (
+        f"{_mm(asked.deepest)} mm do not reach past the operating point and the test cuts; limits are looked for down to "
+        f"{_mm(least)} mm"
+    )
+    return least, [Notice("deepest", what, "stability.deepest_mm")]
 
 
 def _of_the_structure(first: Method) -> tuple[Notice, ...]:

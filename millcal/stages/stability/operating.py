@@ -71,7 +71,7 @@ def judged(
         advice=tuple(
             [
                 *_island(point, crossings, stable),
-                *_advice(point, stable, kind, min(low, columns.deepest), columns, best, spread, others),
+                *_advice(point, stable, kind, low, columns, best, spread, others),
             ]
         ),
     )
@@ -124,35 +124,38 @@ def _advice(
     others: Callable[[], list[tuple[str, float]]] | None,
 ) -> list[str]:
     speed, depth = point
-    surely = "stable with 97.5 %" if spread is not None else f"{SAFE:.0%} of the limit"
+    safe, unlimited = min(safe, columns.deepest), np.isinf(safe)
     found: list[tuple[float, str]] = []  # removal against now, what to do
     if not stable or depth > safe:
         for turn in (1, -1):
             if (at := _nearest_safe(point, columns, turn)) is not None:
-                to, runnable = at
+                to, runnable, free = at
                 verb = "raise" if to > speed else "lower"
-                what = f"{verb} the speed to {_rpm(to)} ({to / speed - 1:+.1%}): there {_mm(runnable)} mm are {surely}"
+                what = f"{verb} the speed to {_rpm(to)} ({to / speed - 1:+.1%}): there {_depth(runnable, free, spread)}"
                 found.append((to / speed, what))
         if 0 < safe < depth:
-            found.append((safe / depth, f"reduce the depth to {_mm(safe)} mm ({surely})"))
+            found.append((safe / depth, f"reduce the depth to {_mm(safe)} mm ({_surely(spread)})"))
         if kind == "flip" and others is not None:
             for what, reached in others():
                 if SAFE * reached > depth:
                     found.append((0.0, f"{what}: limit {_limit(reached)} mm at this speed"))
     elif safe > WORTH * depth:
-        found.append((safe / depth, f"there is room: {_mm(safe)} mm are {surely} at this speed"))
+        found.append((safe / depth, f"there is room: at this speed {_depth(safe, unlimited, spread)}"))
     pocket = best[0] if best else None
     if pocket is not None:
         run = pocket.safe_depth if pocket.safe_depth is not None else SAFE * pocket.axial_depth
         rate = pocket.spindle_speed * run / (speed * depth)
         if rate > WORTH * max([1.0, *(gain for gain, _ in found)]):
-            where = f"{_rpm(pocket.spindle_speed)} and {_mm(run)} mm ({surely})"
+            where = f"{_rpm(pocket.spindle_speed)} and {_mm(run)} mm ({_surely(spread)})"
             found.append((rate, f"the best pocket is {where}: {rate:.3g} times the metal"))
     return [what for _, what in sorted(found, key=lambda one: -one[0])]
 
 
-def _nearest_safe(point: tuple[float, float], columns: Columns, turn: int) -> tuple[float, float] | None:
-    """The top of the nearest stretch of speeds, upwards or downwards, that holds the depth.   returns rad/s, m"""
+def _nearest_safe(point: tuple[float, float], columns: Columns, turn: int) -> tuple[float, float, bool] | None:
+    """The top of the nearest stretch of speeds, upwards or downwards, that holds the depth.
+
+    returns rad/s, m, and whether no limit was found there
+    """
     speed, depth = point
     beyond = np.flatnonzero((columns.speed - speed) * turn > 0)[::turn]
     safe = columns.runnable[beyond] >= depth
@@ -164,7 +167,18 @@ def _nearest_safe(point: tuple[float, float], columns: Columns, turn: int) -> tu
     top = columns.runnable[stretch]
     widest = np.flatnonzero(top >= top.max() * (1 - 1e-9))
     i = stretch[widest[len(widest) // 2]]
-    return float(columns.speed[i]), float(columns.runnable[i])
+    return float(columns.speed[i]), float(columns.runnable[i]), bool(np.isinf(columns.edges[i, 0]))
+
+
+def _surely(spread: Spread | None) -> str:
+    return "stable with 97.5 %" if spread is not None else f"{SAFE:.0%} of the limit"
+
+
+def _depth(depth: float, unlimited: bool, spread: Spread | None) -> str:
+    """What may be cut, and how far that is to be relied on."""
+    if unlimited and spread is None:
+        return f"no limit was found down to {_mm(depth)} mm"
+    return f"{_mm(depth)} mm are {_surely(spread)}"
 
 
 def _rpm(speed: float) -> str:
