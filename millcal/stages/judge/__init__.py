@@ -23,7 +23,7 @@ from millcal.numerics.residual_lines import residual_spectra
 from millcal.numerics.spectra import Cycle
 from millcal.numerics.straighten import straightened
 from millcal.numerics.tones import Tone
-from millcal.stages.judge.alternation import alternation, expected_chips
+from millcal.stages.judge.alternation import Alternation, alternation, expected_chips
 from millcal.stages.judge.remains import Remains, course, falls_off, look
 from millcal.stages.judge.signal import (
     Stretch,
@@ -159,6 +159,7 @@ def judge_cut(
         alternating=differs,
         alternating_grows=_alternating_grows(found.signal, cycle.cycle, drive, revolutions),
         expected=None if differs is None else expected_chips(recording.cutter, feed, differs.step),
+        swing=_swing(recording, found, differs, feed),
     )
     order = np.arange(len(found.harmonics))
     kept = np.zeros(len(order), bool)
@@ -222,6 +223,14 @@ def _uneven(pitch: tuple[float, ...] | None) -> bool:
 def _alternating_share(found: Remains, teeth: int) -> float:
     told = alternation(found.harmonics, found.noise, teeth)
     return 0.0 if told is None else min(told.power, 1e3)
+
+
+def _swing(recording: Recording, found: Remains, differs: Alternation | None, feed: float | None) -> float | None:
+    """Rms of the lines in which teeth differ over the feed, where a probe at the tip says it."""
+    channel = recording.channels[found.row]
+    if differs is None or not feed or channel.quantity != "displacement" or "tip" not in channel.dof:
+        return None
+    return float(np.sqrt(differs.own_power)) / feed
 
 
 def _alternating_grows(signal: np.ndarray, cycle: float, teeth: int, revolutions: float) -> bool:

@@ -24,11 +24,16 @@ MOST = 24  # of them: the lowest, whose neighbours are most alike
 SEEN = 25.0  # power over the noise, of the neighbours
 LITTLE = 0.4  # difference of the chips up to which it is runout
 MUCH = 0.55  # from which it may be a motion of its own that has grown up
+TOO_MUCH = 2.0  # beyond, the tooth passing is silent for another reason
 SMALL = 0.2  # power of these lines over that of the tooth passing, up to which it is runout all the same
 LARGE = 4.0  # from which it is no runout, where runout makes such lines (q = 1)
 LARGE_OTHER = 1.5  # and where it hardly does
 BEYOND = 3.0  # times the difference that a measured runout makes: no runout
 NEAR = 1.5  # times that: runout
+QUIET, LOUD = (
+    0.03,
+    0.15,
+)  # of the feed per tooth, rms: up to which teeth differ little, and from which some leave the cut
 
 
 class Alternation(NamedTuple):
@@ -39,6 +44,7 @@ class Alternation(NamedTuple):
     power: float  # of the lines of q, over that of the tooth passing
     strongest: int  # order of the strongest such line, in turns of the spindle
     period: int  # teeth after which such a motion repeats
+    own_power: float  # mean square of these lines
 
 
 def alternation(harmonics: np.ndarray, noise: np.ndarray, teeth: int) -> Alternation | None:
@@ -69,6 +75,7 @@ def alternation(harmonics: np.ndarray, noise: np.ndarray, teeth: int) -> Alterna
         float(clean[lines].sum()) / others,
         int(lines[np.argmax(own[lines])]),
         teeth // gcd(q, teeth),
+        float(clean[lines].sum()),
     )
 
 
@@ -82,18 +89,24 @@ def expected_chips(cutter: Cutter | None, feed_per_tooth: float | None, step: in
     return float(min(abs(np.mean(chip * turn)) / feed_per_tooth, 1.0))
 
 
-def reading(found: Alternation, teeth: int, expected: float | None = None) -> str:
-    """`own` (a flip, or locked to the spindle), `runout`, or `either`.   expected : difference of the chips by known runout"""
+def reading(found: Alternation, teeth: int, expected: float | None = None, swing: float | None = None) -> str:
+    """`own` (a flip, or locked to the spindle), `runout`, or `either`.
+
+    expected : difference of the chips by known runout   swing : rms of the lines over the feed, of a motion of the tip
+    """
     by_runout = found.step == 1
+    if swing is not None and swing < QUIET:
+        return "runout"
     large = LARGE if by_runout else LARGE_OTHER
     if found.power < SMALL or (found.chips < LITTLE and found.power < LARGE):
         return "runout"
-    if by_runout and teeth > 2 and found.power < LARGE:
-        return "runout"
+    if by_runout and teeth > 2:  # with many teeth in cut the tooth passing vanishes, and runout is all there is
+        moves = MUCH < found.chips < TOO_MUCH if swing is None else swing > LOUD
+        return "either" if moves and found.power > LARGE else "runout"
     if expected is not None and by_runout and np.isfinite(found.chips):
         if found.chips > BEYOND * expected:
             return "own"
         return "runout" if found.chips < NEAR * expected else "either"
-    if not found.chips >= MUCH or (by_runout and teeth > 2):
+    if not found.chips >= MUCH:
         return "either"
     return "own" if found.power > large else "either"

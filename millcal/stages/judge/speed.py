@@ -13,7 +13,8 @@ MORE = 2  # times as many harmonics stand out at a speed far off, before it is b
 MANY = 6  # and so many at least
 FAR_FROM_STATED = 0.01
 HARMONICS = 60
-FEWEST_SEEN = 2  # harmonics that stand out, for a speed by them; or the first of the tooth passing alone
+FEWEST_OTHERS = 4  # harmonics that stand out, for a speed by them, if none is of the teeth
+FEWEST_SEEN = 2  # if one is; or the first of the tooth passing alone
 PULSE_SCATTER = 0.05  # of a revolution
 
 
@@ -25,7 +26,8 @@ def refined_cycle(
     samples : (channel, sample) from `start` on   stated : cycles per sample
     """
     by_comb, seen = _by_harmonics(samples, stated, teeth)
-    follows = len(seen) >= FEWEST_SEEN or seen == (teeth,)
+    of_teeth = any(k % teeth == 0 for k in seen)
+    follows = len(seen) >= (FEWEST_SEEN if of_teeth else FEWEST_OTHERS) or seen == (teeth,)
     by_pulse = _pulse_cycle(recording, start, start + samples.shape[1], stated, note)
     if by_pulse is not None:
         found = by_pulse

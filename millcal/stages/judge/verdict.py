@@ -23,6 +23,7 @@ LONGEST_PERIOD = 8
 REPEATS = 0.2  # M(n) over M(1)
 GROWS = 3.0
 NEAR = 0.012  # how far a stated speed may be off
+MOST_TOLD = 100.0  # beyond, the tooth passing is nearly silent
 STRAY = 3.0  # times the power of the tooth passing, in one harmonic of the spindle alone
 DIES = 0.3
 
@@ -79,6 +80,7 @@ def judged(
     alternating: Alternation | None,
     alternating_grows: bool,
     expected: float | None,
+    swing: float | None,
 ) -> Finding:
     """The verdict on one channel.
 
@@ -86,6 +88,7 @@ def judged(
     amplitudes : (block,) course of the strongest tone   changes : M(1), M(2), .. without harmonics of the spindle
     alternating_grows : the lines at odd multiples of half the tooth passing grow against those of the tooth passing
     expected : by how much chips alternate by a runout that was measured; None: not known
+    swing : rms of the lines in which teeth differ over the feed per tooth, of a motion of the tip; None: not known
     """
     size, passing = found.spectra.size, teeth * cycle
     unit = "Hz"
@@ -131,7 +134,7 @@ def judged(
             None, [hump], found.hump_share, False,
         )  # fmt: skip
     if alternating is not None and revolutions >= FEWEST_REVOLUTIONS:
-        told = _alternation(alternating, teeth, cycle, rate, alternating_grows, expected)
+        told = _alternation(alternating, teeth, cycle, rate, alternating_grows, expected, swing)
         if told is not None:
             return told
     if revolutions < FEWEST_REVOLUTIONS:
@@ -161,7 +164,7 @@ def judged(
             "revolution would tell, or a cut at a speed some percent away"
         )
     why = f"all that stands out follows the teeth and the spindle, up to {rate / 2:.5g} Hz"
-    if alternating is not None and alternating.power > SURE:
+    if alternating is not None and SURE < alternating.power < MOST_TOLD:
         order = alternating.strongest
         why += (
             f"; runout shows {alternating.power:.2g} times the power of the tooth passing between its harmonics, the most at "
@@ -202,10 +205,10 @@ def _course(amplitudes: np.ndarray) -> str:
 
 
 def _alternation(
-    found: Alternation, teeth: int, cycle: float, rate: float, grows: bool, expected: float | None
+    found: Alternation, teeth: int, cycle: float, rate: float, grows: bool, expected: float | None, swing: float | None
 ) -> Finding | None:
     """A flip, or why it cannot be told from runout; None where it is runout.   cycle : turns per sample   rate : Hz"""
-    said = reading(found, teeth, expected)
+    said = reading(found, teeth, expected, swing)
     flips = found.period == 2
     grows = grows and flips
     at = found.strongest * cycle * rate
