@@ -27,8 +27,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from millcal.physics.stability.floquet import chatter_frequency
+from millcal.physics.stability import floquet
 from millcal.physics.stability.regeneration import FLIP, HOPF, Crossings, Regeneration, TipModes, h0
+from millcal.physics.stability.stable_depths import edge_table, edges_of
 from millcal.physics.stability.zero_order_draws import single_modes
 
 NODES = 16  # of Gauss in a stretch,
@@ -36,7 +37,7 @@ TURN = 4.0  # and the free phase of a stretch, rad: the oscillation is resolved 
 STEP = 0.02  # of sigma: six-point interpolation errs by 1e-7 where 1 + xi q = 1.5
 NEGLIGIBLE = 1e-11
 MOST_TERMS = 512
-MOST_EDGES = 8  # told at one speed
+MOST_EDGES = 9  # told at one speed: odd, so that what is beyond them counts as chatter
 MOST_NODES = 40
 
 
@@ -72,9 +73,10 @@ def stable_edges(
     """The edges of the set of stable depths of every draw at every speed, as `stable_depths.edge_table` has them.
 
     Depths are scanned, flips that come and go between two of them are looked for apart, and each edge is halved down to
-    1e-6 of the deepest. Where terms cancel to less than 1e-6, at speeds of dozens of waves between two teeth and depths
-    far beyond the limit, the cut is taken as unstable. A thousand draws at three hundred speeds cost seconds; the table that
-    different structures share grows with the square of the waves between two teeth, and with fifty of them costs a minute.
+    1e-6 of the deepest. Where terms cancel to less than 1e-6 before stability is lost, `floquet.boundary` takes their place.
+
+    A thousand draws at three hundred speeds cost seconds; the table that different structures share grows with the square of
+    the waves between two teeth, and with fifty of them costs a minute.
 
     spindle_speed : (speed,) rad/s   tips : one real mode each, all along one direction; one for each draw, or one for all
     cut : its forces take no part   force : K_tc, K_rc, (draw, 2) N/m^2, K_tc > 0   deepest : m   depths : of the scan
@@ -86,15 +88,20 @@ def stable_edges(
     draws, table = _tabulated(speeds, tips, cut, force, deepest)
     weights = _barycentric(table.ratio, draws.ratio)  # (draw, ratio)
     edges = np.full((len(draws.ratio), len(speeds), MOST_EDGES), np.inf)
-    flips = np.empty(edges.shape[1:], bool)
+    flips, cancelled = np.empty(edges.shape[1:], bool), np.empty(len(speeds), bool)
     for i, weight in enumerate(weights):
         series = np.tensordot(weight, table.series, 1)  # (sigma, term)
         sigma = draws.turns[i] / speeds
         place = (sigma - table.lowest) / table.step if table.step else np.arange(len(speeds)) + 0.0
         edges_of_draw(
             series, place, table.step > 0, np.exp(-draws.damping[i] * sigma), 2 * draws.scale[i] / table.reach,
-            deepest, depths, edges[i], flips,
+            deepest, depths, edges[i], flips, cancelled,
         )  # fmt: skip
+        if cancelled.any():
+            own = cut.with_force(*np.asarray(force, float)[i % len(force)].tolist())
+            found = floquet.boundary(speeds[cancelled], tips[i % len(tips)], own, deepest=deepest)
+            exact = edge_table(edges_of(found, complete=True), np.count_nonzero(cancelled))[:, :MOST_EDGES]
+            edges[i, cancelled, : exact.shape[1]] = exact
         if progress is not None and i % 16 == 0:
             progress(i / len(weights))
     used = max(1, int(np.isfinite(edges).any(axis=(0, 1)).sum()))
@@ -117,12 +124,15 @@ def boundary(
     series, scale = table.series[0], 2 * draws.scale[0] / table.reach
     decay = np.exp(-draws.damping[0] * draws.turns[0] / speeds)
     edges, flips = np.full((len(speeds), MOST_EDGES), np.inf), np.zeros((len(speeds), MOST_EDGES), bool)
-    edges_of_draw(series, np.arange(len(speeds)) + 0.0, False, decay, scale, deepest, depths, edges, flips)
+    cancelled = np.empty(len(speeds), bool)
+    edges_of_draw(series, np.arange(len(speeds)) + 0.0, False, decay, scale, deepest, depths, edges, flips, cancelled)
+    if cancelled.any():
+        return edges_of(floquet.boundary(speeds, tip, cut, deepest=deepest), complete=True)
     speed, place = np.nonzero(np.isfinite(edges))
     depth, flip = edges[speed, place], flips[speed, place]
     angle = np.empty(len(depth))
     polish(series, speed, scale, decay, flip, depth, angle)
-    frequency = chatter_frequency(speeds[speed], depth, np.exp(1j * angle), tip, cut)
+    frequency = floquet.chatter_frequency(speeds[speed], depth, np.exp(1j * angle), tip, cut)
     return Crossings(speed, depth, np.where(flip, FLIP, HOPF), frequency, place % 2 == 0)
 
 

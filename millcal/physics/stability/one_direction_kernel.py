@@ -192,6 +192,16 @@ def _stable(coefficient, share, decay, polynomial):  # type: ignore[no-untyped-d
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc]
+def _cancels(coefficient, share, decay):  # type: ignore[no-untyped-def]
+    """Whether `_stable` says no only because it does not know."""
+    power, largest = 1.0, 0.0
+    for n in range(len(coefficient)):
+        largest = max(largest, abs(coefficient[n]) * power)
+        power *= share
+    return decay * largest > CANCELLED
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[misc]
 def _edge(coefficient, low, high, stable_at_low, decay, polynomial):  # type: ignore[no-untyped-def]
     """Where between two shares of the deepest stability changes."""
     for _ in range(HALVINGS):
@@ -231,12 +241,13 @@ def _turn(flip, i):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[misc]
-def edges_of_draw(series, place, between, decay, scale, deepest, depths, edges, flips):  # type: ignore[no-untyped-def]
+def edges_of_draw(series, place, between, decay, scale, deepest, depths, edges, flips, cancelled):  # type: ignore[no-untyped-def]
     """The edges of the set of stable depths at many speeds.
 
     series : t in (xi / reach)^n on nodes of sigma, (sigma, term)   place : in the nodes, (speed,), between them or not
     decay : exp(-zeta w tau), (speed,)   scale : 2 xi / (1 - z) per depth over the reach, 1/m   deepest : m
     edges : (speed, edge) m, inf, written   flips : bool (speed, edge), written
+    cancelled : bool (speed,), written: where terms leave too little of their sum to say how deep a cut stays stable; no edges
     """
     terms, room = series.shape[1], edges.shape[1]
     coefficient, polynomial = np.empty(terms), np.empty(terms + 3)
@@ -245,10 +256,14 @@ def edges_of_draw(series, place, between, decay, scale, deepest, depths, edges, 
     for s in range(len(place)):
         _interpolated(series, place[s], between, scale * deepest, coefficient)
         e, found = decay[s], 0
+        cancelled[s] = False
         stable[0], flip[0] = True, _flip(coefficient, 0.0, e)
         for i in range(1, depths + 1):
             stable[i] = _stable(coefficient, i / depths, e, polynomial)
+            cancelled[s] |= stable[i - 1] and not stable[i] and _cancels(coefficient, i / depths, e)
             flip[i] = _flip(coefficient, i / depths, e)
+        if cancelled[s]:
+            continue
         for i in range(depths):
             at[0], flag[0], count = i / depths, stable[i], 1
             if flip[i] * flip[i + 1] < 0:
