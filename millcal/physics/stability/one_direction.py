@@ -100,7 +100,7 @@ def stable_edges(
         if cancelled.any():
             own = cut.with_force(*np.asarray(force, float)[i % len(force)].tolist())
             found = floquet.boundary(speeds[cancelled], tips[i % len(tips)], own, deepest=deepest)
-            exact = edge_table(edges_of(found, complete=True), np.count_nonzero(cancelled))[:, :MOST_EDGES]
+            exact = edge_table(edges_of(found, complete=True), int(cancelled.sum()))[:, :MOST_EDGES]
             edges[i, cancelled, : exact.shape[1]] = exact
         if progress is not None and i % 16 == 0:
             progress(i / len(weights))
