@@ -331,3 +331,32 @@ def test_the_same_seed_gives_the_same_probabilities_and_progress_ends_at_one():
     half = shares[: len(shares) // 2]
     assert half == sorted(half)
     assert half[-1] == 1.0
+
+
+@pytest.mark.parametrize("method", ["zoa", "floquet"])
+def test_a_depth_asked_too_shallow_never_makes_a_deep_operating_point_stable(method):
+    """At 12 000 rpm chatter begins at 0.94 mm: 8 mm are no stable cut, however little deep one asked to look."""
+    point = (12_000 * RPM, 8e-3)
+    found = map_stability(ONE, (KTC, KRC), **CUT, method=method, points=20, deepest=0.5e-3, operating_point=point)
+    assert not found.operating.stable
+    assert 0.5e-3 < found.operating.limit < 2e-3
+    assert "deepest" in codes(found)
+    assert found.deepest >= 8e-3
+
+
+def test_the_time_domain_says_that_it_has_no_band_and_has_none():
+    found = map_stability(
+        ONE, coefficients(), **{**CUT, "spindle_speed": (9000 * RPM, 10_000 * RPM)}, method="time-domain", points=2,
+        deepest=4e-3, rng=np.random.default_rng(0),
+    )  # fmt: skip
+    assert "no-band" in codes(found)
+    assert found.limit_low is None
+    assert found.probability is None
+
+
+def test_where_no_limit_was_found_none_is_spoken_of():
+    point = (13_700 * RPM, 0.5e-3)
+    found = map_stability(ONE, (KTC, KRC), **CUT, method="floquet", points=20, deepest=1e-3, operating_point=point)
+    assert np.isinf(found.operating.limit)
+    assert any("no limit was found down to 1 mm" in line for line in found.operating.advice)
+    assert not any("90% of the limit at this speed" in line for line in found.operating.advice)
