@@ -58,6 +58,7 @@ def _cut(plan: Any, number: int, rng: Any) -> tuple:
     """One cut of the recipe: (recording, truth)."""
     from millcal.io.keys import in_si
     from millcal.simulation import Line, Timeline, simulate_cut
+    from millcal.simulation.regenerative import simulate_regenerative_cut
 
     options = plan.simulate
     table = options.cuts[number]
@@ -66,6 +67,23 @@ def _cut(plan: Any, number: int, rng: Any) -> tuple:
     if trouble:
         plan.document.refuse(("simulate", "cuts", number, trouble[0]), trouble[1])
     timeline = Timeline(table.duration_s, table.air_before_s, table.air_after_s, table.ramp_s)
+    if table.regenerative:
+        return simulate_regenerative_cut(
+            options.law.law(),
+            plan.cutter,
+            keys.conditions(plan.cutter),
+            rng=rng,
+            sample_rate=table.sample_rate_hz or options.sample_rate_hz,
+            timeline=timeline,
+            modes=tuple(mode.mode() for mode in options.modes),
+            speed_error=table.speed_error,
+            accelerometers=table.accelerometers,
+            accelerometer=options.accelerometer.chain(),
+            displacements=table.displacements,
+            probe=options.probe.chain(),
+            pulse=table.pulse,
+            name=table.recording,
+        )
     angle, pulse_angle = in_si(table.initial_angle_deg, "_deg"), in_si(table.pulse_angle_deg, "_deg")
     return simulate_cut(
         options.law.law(),

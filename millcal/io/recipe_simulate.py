@@ -85,6 +85,14 @@ class AccelerometerTable(_ChainTable):
     full_scale_g: Positive | None = Field(None, description="input range, g; no converter when absent")
 
 
+class ProbeTable(_ChainTable):
+    """The chain of each displacement probe."""
+
+    noise_um: NotNegative = Field(0.0, description="white noise, um rms")
+    coloured_noise_um: NotNegative = Field(0.0, description="coloured noise, um rms")
+    full_scale_um: Positive | None = Field(None, description="input range, um; no converter when absent")
+
+
 class DynamometerTable(HammerTable):
     """The dynamometer's chain; lists are in x, y, z of the tool."""
 
@@ -175,10 +183,40 @@ class SimulatedCutTable(_RecordingTable, TrendKeys):
     encoder_counts: int = Field(3600, ge=8, le=65536, description="counts of the encoder per revolution")
     dynamometer: bool = Field(True, description="record the forces")
     lines: tuple_of(LineTable, ...) = Field((), description="forces that do not follow the spindle")
+    regenerative: bool = Field(
+        False, description="the force comes from the motion of the tool, so that the cut may chatter; no dynamometer"
+    )
+    displacements: tuple_of(str, ...) = Field(
+        (), description="points and directions whose displacement is recorded, of a regenerative cut"
+    )
+
+    @model_validator(mode="after")
+    def _regenerates(self) -> "SimulatedCutTable":
+        if not self.regenerative:
+            if self.displacements:
+                raise ValueError("displacements of a cut that is not regenerative; set regenerative = true")
+            return self
+        if PurePath(self.recording).suffix != ".h5":
+            raise ValueError(f"{self.recording} is no .h5; regenerative cuts are written as recordings")
+        if not self.accelerometers and not self.displacements:
+            raise ValueError("nothing is measured; give accelerometers or displacements")
+        other = (
+            "ramp_s",
+            "lines",
+            "encoder",
+            "speed_variation",
+            "initial_angle_deg",
+            "pulse_angle_deg",
+            *TrendKeys.model_fields,
+        )
+        given = [key for key in other if getattr(self, key) != type(self).model_fields[key].default]
+        if given:
+            raise ValueError(f"{given[0]} is not for a regenerative cut; leave it out")
+        return self
 
     @model_validator(mode="after")
     def _measures(self) -> "SimulatedCutTable":
-        if not self.dynamometer and not self.accelerometers:
+        if not self.dynamometer and not self.accelerometers and not self.displacements:
             raise ValueError("nothing is measured; give accelerometers, or leave the dynamometer in")
         return self
 
@@ -247,6 +285,7 @@ class SimulateTable(Table):
         default_factory=AccelerometerTable, description="chain of each accelerometer"
     )
     hammer: HammerTable = Field(default_factory=HammerTable, description="chain of the impact hammer")
+    probe: ProbeTable = Field(default_factory=ProbeTable, description="chain of each displacement probe")
     modes: tuple_of(ModeTable, ...) = Field((), description="modes of the structure")
     cuts: tuple_of(SimulatedCutTable, ...) = Field((), description="cuts to simulate")
     impacts: tuple_of(SimulatedImpactTable, ...) = Field((), description="impact tests to simulate")
@@ -272,6 +311,11 @@ class SimulateTable(Table):
                 raise ValueError(f"{key} for a law that has none; {other}")
         if any(table.accelerometers for table in tables) and not self.modes:
             raise ValueError("accelerometers without a structure; add [[simulate.modes]]")
+        if any(cut.regenerative for cut in self.cuts):
+            if not any(value for mode in self.modes for dof, value in mode.shape.items() if dof in ("tipX", "tipY")):
+                raise ValueError("a regenerative cut whose tool does not move; add modes with a shape at tipX or tipY")
+            if LINEAR_EDGE[0] not in self.law.model_fields_set:
+                raise ValueError("a regenerative cut by Kienzle's law; give the keys of the linear-edge law")
         overloads = [fault for table in self.impacts for fault in table.faults if fault.kind == "overload"]
         if overloads and self.hammer.full_scale_N is None:
             raise ValueError("an overload of a hammer without full scale; add full_scale_N under [simulate.hammer]")

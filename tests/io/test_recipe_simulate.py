@@ -134,3 +134,20 @@ def test_what_is_no_trend_says_why(keys, says):
 def test_a_law_has_no_trend_of_what_it_does_not_have(law, key):
     with pytest.raises(ValidationError, match=f"{key} for a law that has none"):
         SimulateTable(law=law, cuts=(a_cut(**{key: 0.1}),))
+
+
+REGENERATIVE = {"recording": "c.h5", "duration_s": 1.0, "regenerative": True}
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({}, "nothing is measured"),
+        ({"displacements": ("tipX",), "recording": "c.csv"}, "is no .h5"),
+        ({"displacements": ("tipX",), "ramp_s": 0.1}, "ramp_s is not for"),
+        ({"displacements": ("tipX",), "regenerative": False}, "not regenerative"),
+    ],
+)
+def test_what_a_regenerative_cut_cannot_have_is_refused(keys, said):
+    with pytest.raises(ValidationError, match=said):
+        SimulatedCutTable(**(REGENERATIVE | keys))
