@@ -15,6 +15,7 @@ LOG = ("rpm", "axial_depth_mm", "radial_depth_mm", "feed_per_tooth_mm", "directi
 STABLE = {"stable": "1", "period-n": "0", "chatter": "0", "not known": ""}
 PEAKS_SHOWN = 6
 SPEEDS_SHOWN = 6
+FASTEST = 6.0  # times the cut's own speed, of those shown
 
 
 def summarise_judgement(found: Judgement) -> dict[str, Any]:
@@ -93,22 +94,21 @@ def judgement_text(found: Judgement) -> str:
             f"chatter frequency {found.chatter_frequency:.5g}{spread} Hz, {found.chatter_share:.0%} of the power"
         )
     if s["stable_rpm"]:
-        speeds = ", ".join(f"{rpm:.0f}" for rpm in s["stable_rpm"][:SPEEDS_SHOWN])
+        within = [rpm for rpm in s["stable_rpm"] if rpm <= FASTEST * s["spindle_speed_rpm"]] or s["stable_rpm"][-1:]
+        speeds = ", ".join(f"{rpm:.0f}" for rpm in within[:SPEEDS_SHOWN])
         lines.append(f"speeds it points to: {speeds} rpm")
-    metric = s["M_um"] if s["M_um"] is not None else s["metric"]["value"]
-    unit = "um" if s["M_um"] is not None else found.unit
+    unit = "um" if found.quantity == "displacement" else found.unit
+    metric = s["M_um"] if found.quantity == "displacement" else s["metric"]["value"]
     lines.append(
         f"M {cell(metric)} {unit} from tooth to tooth, {s['metric']['relative']:.2f} of the rms"
         if metric is not None and s["metric"]["relative"] is not None
         else "M is not known"
     )
     if found.peaks:
-        rows = [
-            (peak["frequency_hz"], peak["amplitude"]["value"], f"{peak['share']:.2%}")
-            for peak in s["peaks"][:PEAKS_SHOWN]
-        ]
+        factor = 1e6 if found.quantity == "displacement" else 1.0
+        rows = [(peak.frequency, factor * peak.amplitude, f"{peak.share:.2%}") for peak in found.peaks[:PEAKS_SHOWN]]
         lines += ["", "lines that do not follow the spindle:"]
-        lines.append(table(("Hz", f"amplitude {found.unit}", "of the power"), rows))
+        lines.append(table(("Hz", f"amplitude {unit}", "of the power"), rows))
     return "\n".join(lines)
 
 

@@ -10,7 +10,7 @@ from millcal.report.figures import ENVELOPE, POINTS, Column, Figure, envelope
 from millcal.report.wording import time_unit
 
 SYMBOLS = {
-    "displacement": ("x", "um", 1e6),
+    "displacement": ("x", "µm", 1e6),
     "acceleration": ("a", "m/s²", 1.0),
     "velocity": ("v", "mm/s", 1e3),
     "force": ("F", "N", 1.0),

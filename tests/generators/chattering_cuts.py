@@ -69,6 +69,9 @@ class Cut:
         if self.teeth % 2 == 0:
             ways[-1] /= 2
         swing = ways.max(initial=0.0) / self.feed
+        alike = by_tooth.mean(axis=0)
+        if swing > MUCH and np.var(by_tooth - alike) < np.var(alike):
+            return "unclear"  # a large forced vibration with some runout in it
         return "stable" if swing < LITTLE else "alternates" if swing > MUCH else "unclear"
 
 

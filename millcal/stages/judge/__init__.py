@@ -35,7 +35,7 @@ from millcal.stages.judge.signal import (
 )
 from millcal.stages.judge.speed import FAR_FROM_STATED, refined_cycle
 from millcal.stages.judge.strobes import once_per_tooth
-from millcal.stages.judge.verdict import WITH_COMPANY, Finding, judged
+from millcal.stages.judge.verdict import WITH_COMPANY, WITH_MUCH, Finding, judged
 
 __all__ = ["judge_cut"]
 
@@ -133,7 +133,7 @@ def judge_cut(
                 f"what is told is of the end of the cut, from {stretch.start / rate:.4g} s: it begins there",
                 "note",
             )
-    found = max(looks, key=lambda one: (one.share >= WITH_COMPANY) * one.share + 1e-6 * _alternating_share(one, teeth))
+    found = max(looks, key=lambda one: (one.share >= WITH_MUCH) * one.share + 1e-6 * _alternating_share(one, teeth))
     drive = 1 if recording.cutter is not None and _uneven(recording.cutter.pitch) else teeth
     note_clipping(
         recorded[rows.index(found.row)],

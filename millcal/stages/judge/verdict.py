@@ -15,6 +15,8 @@ from millcal.stages.judge.remains import Remains
 
 SURE = 0.15  # share of the power from which a tone without company is chatter
 WITH_COMPANY = 0.02  # with tones a tooth passing away
+MUCH, WITH_MUCH = 3, 0.003  # with so many of them: nothing else is modulated so
+WEAK = 0.0005  # the same: worth a word
 COMPANY = 0.003  # of its power, from which a tone a tooth passing away is one
 BROAD = 0.5  # share of a hump from which it is chatter that wanders
 DOUBTFUL_HUMP = 0.2
@@ -99,7 +101,7 @@ def judged(
         if thirds[2] < DIES * thirds[0] and mean_square > 0:
             share *= thirds[2] ** 2 / mean_square
     several = company(found.family, passing, size) if found.family else 0
-    needed = WITH_COMPANY if several else SURE
+    needed = WITH_MUCH if several >= MUCH else WITH_COMPANY if several else SURE
     if found.family and share >= needed and not several and not follows:
         f, k = found.family[0].frequency, round(found.family[0].frequency / passing)
         if k and abs(f / (k * passing) - 1) < NEAR:
@@ -170,7 +172,12 @@ def judged(
             f"; runout shows {alternating.power:.2g} times the power of the tooth passing between its harmonics, the most at "
             f"{order * cycle * rate:.5g} {unit}"
         )
-    if found.family and found.share >= WITH_COMPANY:
+    if found.family and several >= MUCH and share >= WEAK:
+        why += (
+            f"; a weak line at {found.family[0].frequency * rate:.5g} {unit} with {several} more a tooth passing apart holds "
+            f"{share:.2%} of the power: chatter is near"
+        )
+    elif found.family and found.share >= WITH_COMPANY:
         why += f"; a line at {found.family[0].frequency * rate:.5g} {unit} dies away"
     return Finding("stable", why, 1, [], share, False)
 

@@ -23,20 +23,21 @@ SPEEDS = (2500.0, 18000.0)  # rpm
 
 
 def drawn(rng):
-    """A cut near its limit, every third where flips are, with its motion."""
+    """A cut near its limit, every third where flips are, with its motion; one that moves at all."""
     while True:
         teeth, immersion = int(rng.integers(1, 7)), float(rng.choice([0.05, 0.1, 0.25, 0.5, 1.0]))
         rpm = float(rng.uniform(3000, 15000))
         if rng.random() < 0.35:
             immersion = float(rng.choice([0.03, 0.05, 0.1]))
             rpm = 60 * NATURAL[0] / (teeth * (int(rng.integers(0, 4)) + 0.5)) * float(rng.uniform(0.93, 1.12))
-        if SPEEDS[0] < rpm < SPEEDS[1] and teeth * rpm / 60 < 1500:
-            break
-    depth = float(np.exp(rng.uniform(np.log(0.15), np.log(1.5)))) * 0.5e-3 / immersion / teeth
-    cut = Cut(teeth, rpm, depth, immersion, str(rng.choice(["up", "down"])), modes=int(rng.choice([1, 2])))
-    runout, revolutions = float(rng.choice([0.0, 3e-6, 8e-6, 15e-6])), int(rng.choice([150, 250, 400]))
-    motion = cut.run(runout, float(rng.uniform(0, 6.28)), revolutions, 1 + float(rng.uniform(-0.01, 0.01)))
-    return cut, motion
+        if not SPEEDS[0] < rpm < SPEEDS[1] or teeth * rpm / 60 > 1500:
+            continue
+        depth = float(np.exp(rng.uniform(np.log(0.15), np.log(1.5)))) * 0.5e-3 / immersion / teeth
+        cut = Cut(teeth, rpm, depth, immersion, str(rng.choice(["up", "down"])), modes=int(rng.choice([1, 2])))
+        runout, revolutions = float(rng.choice([0.0, 3e-6, 8e-6, 15e-6])), int(rng.choice([150, 250, 400]))
+        motion = cut.run(runout, float(rng.uniform(0, 6.28)), revolutions, 1 + float(rng.uniform(-0.01, 0.01)))
+        if np.std(motion.displacement[0][len(motion.time) // 2 :]) > 1e-3 * cut.feed:
+            return cut, motion
 
 
 def verdicts(rng, cuts):
