@@ -82,7 +82,7 @@ def lagrange(node: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def nodes_of(waves: np.ndarray | float, tolerance: float) -> np.ndarray:
-    """Nodes that hold |mu| to a tolerance: with d = -log10(tolerance), n = ceil(x / 2 + d / 2 + (0.3 + 0.27 d) x^(1/3)).
+    """Nodes that hold |mu| to a tolerance: with d = -log10(tolerance), n = ceil(x / 2 + d / 4 + d / 2 x^(1/3)).
 
     The polynomials of a wave of phase x die out as Bessel functions do, beyond the order x / 2 over a width of x^(1/3); the
     factors are from experience, no bound: of the random cases of the tests none misses the tolerance.
@@ -90,7 +90,7 @@ def nodes_of(waves: np.ndarray | float, tolerance: float) -> np.ndarray:
     waves : x, (...,) rad along the longest piece   returns integer (...,), at least 3
     """
     decades = -np.log10(tolerance)
-    return np.maximum(np.ceil(waves / 2 + decades / 2 + (0.3 + 0.27 * decades) * np.cbrt(waves)), 3).astype(int)
+    return np.maximum(np.ceil(waves / 2 + decades / 4 + decades / 2 * np.cbrt(waves)), 3).astype(int)
 
 
 def orders_of(pieces: Pieces, order: int) -> np.ndarray:

@@ -44,7 +44,7 @@ class Problem(NamedTuple):
     plain: bool  # S0 is one and S1 the projection on `memory`
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _prepare(p, speed, gamma, phi, evolution, feed, block, power, ends, waves):
     """The matrices of one speed.
 
@@ -111,14 +111,14 @@ def _prepare(p, speed, gamma, phi, evolution, feed, block, power, ends, waves):
         _times(feed, p.before, feed_before)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _angle(p, unknown):
     """Where an unknown stands, rad since the start of the period."""
     piece = p.piece[unknown]
     return p.start[piece] + p.length[piece] * p.node[p.table[piece], p.place[unknown]]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _times(left, right, out):
     """out = left right, with a right that is mostly zero."""
     out[:] = 0.0
@@ -130,18 +130,22 @@ def _times(left, right, out):
                     out[a, b] += left[a, c] * by
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _integrals(s, length, n, table, p, block, power, speed):
     """Of e^{s (t_i - t)} times each Lagrange polynomial, up to each node and over the whole piece: block (n + 1, n)."""
     q = n + 2
     for i in range(n + 1):
         reach = length * p.node[table, i] if i < n else length
-        whole = np.exp(s * reach)
+        size, turn = math.exp(s.real * reach), s.imag * reach
+        whole_real, whole_imag = size * math.cos(turn), size * math.sin(turn)
         # the inner nodes lie symmetrically: with e^{s t u} there is e^{s t (1 - u)} = e^{s t} / e^{s t u}
         for k in range((q + 1) // 2):
-            value = np.exp(s * (reach * p.inner[table, k]))
-            power[q - 1 - k] = value
-            power[k] = whole / value
+            size, turn = math.exp(s.real * reach * p.inner[table, k]), s.imag * reach * p.inner[table, k]
+            cosine, sine = math.cos(turn), math.sin(turn)
+            power[q - 1 - k] = complex(size * cosine, size * sine)
+            power[k] = complex(
+                (whole_real * cosine + whole_imag * sine) / size, (whole_imag * cosine - whole_real * sine) / size
+            )
         for j in range(n):
             block[i, j] = 0.0
         for k in range(q):
@@ -150,7 +154,7 @@ def _integrals(s, length, n, table, p, block, power, speed):
                 block[i, j] += complex(real * p.weight[table, i, k, j], imag * p.weight[table, i, k, j])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _monodromy(p, depth, gamma, phi, evolution, feed, waves, left, right, matrix):
     """The matrix from (remembered unknowns, modal state) to themselves a period later.   left, right : scratch"""
     unknowns, remembered, states = len(p.piece), len(p.memory), evolution.shape[0]
@@ -183,7 +187,7 @@ def _monodromy(p, depth, gamma, phi, evolution, feed, waves, left, right, matrix
                 row[c] -= by * right[a, c]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _solve(left, right, n, columns):
     """right becomes left^-1 right, by elimination with row pivots; left is lost."""
     for k in range(n):
@@ -217,7 +221,7 @@ def _solve(left, right, n, columns):
             right[k, j] /= pivot
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _eigenvalues(a, n, real, imag):
     """Eigenvalues of a real matrix, which is lost.   real, imag : (n,), filled"""
     for m in range(1, n - 1):
@@ -351,7 +355,7 @@ def _eigenvalues(a, n, real, imag):
                 a[i, k] -= f
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _room(p):
     """Arrays for `_prepare` and `_monodromy`."""
     unknowns, states, n = len(p.piece), 2 * len(p.pole), p.order.max()
@@ -382,7 +386,7 @@ def _room(p):
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def matrices(p, speed):
     """Gamma, phi, evolution and feed of one speed, for those who solve in another way."""
     gamma, phi, evolution, feed, block, power, ends, waves, _, _, _, _, _ = _room(p)
@@ -390,7 +394,7 @@ def matrices(p, speed):
     return gamma, phi, evolution, feed
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def multipliers_of(p, speed, depth):
     """All multipliers of one point.   returns complex (k,)"""
     gamma, phi, evolution, feed, block, power, ends, waves, left, right, matrix, real, imag = _room(p)
@@ -404,7 +408,7 @@ def multipliers_of(p, speed, depth):
     return found
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def radii(p, speed, depth, out):
     """The largest |mu| of points of many speeds.   speed, depth, out : (point,)"""
     gamma, phi, evolution, feed, block, power, ends, waves, left, right, matrix, real, imag = _room(p)
@@ -422,7 +426,7 @@ def radii(p, speed, depth, out):
         out[i] = math.sqrt(largest)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def spectra(p, speed, depth, keep, out):
     """The largest multipliers of points of many speeds, largest first.   out : complex (point, keep)"""
     gamma, phi, evolution, feed, block, power, ends, waves, left, right, matrix, real, imag = _room(p)
@@ -450,7 +454,7 @@ def spectra(p, speed, depth, keep, out):
             out[i, rank] = 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def flips(p, speed, deepest, out, count):
     """Depths at which a multiplier is -1: real negative eigenvalues of K(-1) (S0 + S1).
 
@@ -492,7 +496,7 @@ def flips(p, speed, deepest, out, count):
         count[i] = found
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def loudest(p, speed, depth, multiplier, out):
     """Of the frequencies that a multiplier may stand for the one at which the tip moves most, Hz.
 
