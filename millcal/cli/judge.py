@@ -8,7 +8,7 @@ import typer
 from millcal.cli.cut_input import for_each
 from millcal.cli.speak import Json, NoSeed, Quiet, check_files, pairs, progress_bar, reply
 
-FIGURES = (".png", ".svg", ".pdf")
+FIGURES = (".png", ".svg", ".pdf", ".html")
 
 
 def judge(
@@ -45,7 +45,8 @@ def judge(
         Path | None, typer.Option("--log", help="Cuts log to write, CSV, as `millcal stability --tests` reads it.")
     ] = None,
     figure: Annotated[
-        Path | None, typer.Option("--figure", help="Figure of one cut to write, .png, .svg or .pdf.")
+        Path | None,
+        typer.Option("--figure", help="Figure of one cut to write, .png, .svg or .pdf; .html is a page of all."),
     ] = None,
     maps: Annotated[
         list[str] | None, typer.Option("--map", metavar="mic=+Audio", help="Channel = signed column.")
@@ -77,7 +78,7 @@ def judge(
         raise typer.BadParameter(
             f"{figure} does not say its format; end it with {', '.join(FIGURES)}", param_hint="--figure"
         )
-    if figure is not None and number > 1:
+    if figure is not None and number > 1 and figure.suffix.lower() != ".html":
         raise typer.BadParameter("is of one cut; name one recording", param_hint="--figure")
     check_files([*recordings, setup, modes], [output, log, figure])
 
@@ -115,9 +116,7 @@ def judge(
         write_text_atomically(log, cuts_log(found))
         written["log"] = str(log)
     if figure is not None:
-        from millcal.report.paper.judge import judgement_file
-
-        content = judgement_file(found[0], figure.suffix[1:].lower())
+        content = _drawn(found, figure.suffix[1:].lower(), origin)
         with replaced_atomically(figure) as temporary:
             temporary.write_bytes(content)
         written["figure"] = str(figure)
@@ -132,6 +131,17 @@ def judge(
         as_json=as_json,
         quiet=quiet,
     )
+
+
+def _drawn(found: list[Any], format: str, origin: dict[str, Any]) -> bytes:
+    """One cut as a figure to print, or all as a page."""
+    if format == "html":
+        from millcal.report.page import render
+
+        return render({"judgements": found}, {"title": "Was that chatter?"}, origin).encode("utf-8")
+    from millcal.report.paper.judge import judgement_file
+
+    return judgement_file(found[0], format)
 
 
 def _recording(path: Path, setup: Path | None, rpm: float | None, depth: float | None, **how: Any) -> Any:

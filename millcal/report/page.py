@@ -20,6 +20,7 @@ from millcal.data import (
     CutVibration,
     ForceHarmonics,
     Frf,
+    Judgement,
     Modes,
     StabilityMap,
 )
@@ -30,6 +31,7 @@ from millcal.report import (
     force_harmonics_section,
     force_harmonics_tables,
     history_section,
+    judge_section,
     modal_figures,
     modal_tables,
     notices,
@@ -82,8 +84,8 @@ def render(results: Mapping[str, Any], summary: Mapping[str, Any], provenance: M
 
     results : any of "cuts" (sequence of CutForce), "vibrations" (sequence of CutVibration), "frf" (Frf), "sensor" (Frf),
         "modes" (Modes), "forces" (ForceHarmonics), "coefficients" (Coefficients or CoefficientHistory), "stability"
-        (StabilityMap), "stability_compared" (sequence of StabilityMap, the same cut by several methods); a missing or
-        None entry leaves its sections out
+        (StabilityMap), "stability_compared" (sequence of StabilityMap, the same cut by several methods); "judgements" (sequence of
+        Judgement); a missing or None entry leaves its sections out
     summary : what `summary.json` holds; read are `title`, `warnings` and `notes` [{code, message, where}],
         `expect` [{key, value, interval, ok}] and `recordings` [{name, path, kind, sample_rate_hz, duration_s,
         channels: [{name, quantity, unit, dof}]}], each optional
@@ -101,7 +103,8 @@ def render(results: Mapping[str, Any], summary: Mapping[str, Any], provenance: M
     fit = found if isinstance(found, Coefficients) else None
     history = found if isinstance(found, CoefficientHistory) else None
     map_: StabilityMap | None = results.get("stability")
-    records = (*conditioned, frf, sensor, modes, forces, found, map_)
+    judgements: Sequence[Judgement] = tuple(results.get("judgements") or ())
+    records = (*conditioned, frf, sensor, modes, forces, found, map_, *judgements)
     sections = [
         _measured(conditioned, judged, summary, provenance),
         _quality(cuts, heard, frf),
@@ -115,11 +118,12 @@ def render(results: Mapping[str, Any], summary: Mapping[str, Any], provenance: M
         *force_harmonics_section.coefficients(forces, elsewhere=found is not None),
         stability_section.section(map_, judged, results.get("stability_compared") or ()),
         force_harmonics_section.advice(forces),
+        *judge_section.sections(judgements),
     ]
     return _TEMPLATES.get_template("page.html.j2").render(
         title=summary.get("title") or "Calibration report",
         subtitle=_subtitle(conditioned, judged, frf, modes),
-        verdicts=_verdicts(judged, map_, summary),
+        verdicts=[*_verdicts(judged, map_, summary), *judge_section.verdicts(judgements)],
         key_numbers=_key_numbers(judged, map_, frf, modes),
         expected=tables.expected(summary),
         sections=[section for section in sections if section],

@@ -102,6 +102,17 @@ def test_a_result_and_a_figure_hold_what_was_said(run, tmp_path):
     assert (tmp_path / "j.svg").read_bytes() == first
 
 
+def test_a_page_holds_all_cuts_with_their_verdicts(run, tmp_path):
+    code, out, _ = run("good.h5", "bad.h5", "--figure", "cuts.html")
+    assert code == 0
+    assert "figure: cuts.html" in out
+    page = (tmp_path / "cuts.html").read_text(encoding="utf-8")
+    assert page.count("<h2>Was that chatter: ") == 2
+    assert "bad: chatter at 871" in page
+    assert "good: stable" in page
+    assert "src=\"http" not in page
+
+
 def test_teeth_and_speed_on_the_command_line_do_for_a_file_that_says_nothing(run):
     code, out, _ = run("mute.h5", "--teeth", 3, "--rpm", 5720, "--json")
     assert code == 0
