@@ -31,7 +31,7 @@ from millcal.data import Notice, SimulatedCuts
 from millcal.errors import IllPosedError
 from millcal.numerics.periodicity import change, periodicity
 from millcal.physics.stability.regeneration import FLIP, HOPF, Crossings, Regeneration, TipModes
-from millcal.physics.stability.time_domain import flashes_per_revolution, simulate_cut, simulate_points
+from millcal.physics.stability.time_domain import flashes_per_revolution, simulate_cut, simulate_points, steps_for
 
 REPEATS = 1e-4  # of the feed per tooth: change from flash to flash up to which a cut repeats
 NO_MOTION = 1e-9  # of the feed: no force that a chip makes moves a tip so little
@@ -44,6 +44,9 @@ HALVINGS = 5  # of the step between two depths
 FALLS = 0.97  # of the change before: what is above it is steady
 EVEN = 0.3  # of what is lost from stretch to stretch: by how much that may differ in a power
 RESTS = 0.1  # of the last change: what a power may seem to leave
+GRAIN = 0.1  # of the feed per tooth: a change below that may be the steps'
+FINER = 3  # times that the steps are halved to find out
+STAYS = 0.75  # of the change: what is left of one that is not the steps'
 NOT_KEPT = np.empty((0, 0, 2))
 
 
@@ -198,7 +201,25 @@ def _feed(feed_per_tooth: float | None) -> float:
 
 
 def _simulated(what: _Cut, speed: float, depth: float) -> _Outcome:
-    """One cut, until it is decided."""
+    """One cut, at steps so fine that what does not repeat is the motion and not they.
+
+    Where a chip runs out to nothing, a tooth leaves the cut a step earlier or later from pass to pass, and what that makes is
+    halved with the step. Chatter is not.
+    """
+    outcome = _at_steps(what, speed, depth, None)
+    steps = steps_for(speed, depth, what.tip, what.cut)
+    for _ in range(FINER):
+        if outcome.period == 1 or not outcome.metric < GRAIN * what.feed_per_tooth:
+            return outcome
+        steps *= 2
+        before, outcome = outcome, _at_steps(what, speed, depth, steps)
+        if outcome.metric > STAYS * before.metric:
+            return outcome
+    return outcome._replace(period=1) if outcome.period != 1 and not outcome.hidden else outcome
+
+
+def _at_steps(what: _Cut, speed: float, depth: float, steps: int | None) -> _Outcome:
+    """One cut, until it is decided.   steps : of a revolution, None: `steps_for`"""
     threshold = REPEATS * what.feed_per_tooth
     levels: list[float] = []  # M(1) of each stretch that was looked at
 
@@ -216,7 +237,7 @@ def _simulated(what: _Cut, speed: float, depth: float) -> _Outcome:
     kept = -(-FLASHES // each)
     strobed = simulate_points(
         np.array([speed]), np.array([depth]), what.tip, what.cut, **what.options(),
-        revolutions=2 * kept, kept=kept, most=2 * LONGER * kept, undecided=undecided,
+        revolutions=2 * kept, kept=kept, most=2 * LONGER * kept, undecided=undecided, steps_per_revolution=steps,
     )  # fmt: skip
     samples = strobed.displacement[0]
     found = periodicity(_rows(samples), threshold, longest=LONGEST)
