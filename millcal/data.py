@@ -784,7 +784,7 @@ class Judgement(Record):
     metric_relative: float = np.nan  # M over the size of the alternating signal
     chatter_frequency: float | None = None  # Hz
     chatter_frequency_sd: float | None = None  # Hz
-    chatter_share: float = 0.0  # power outside the tooth and spindle lines, of the whole
+    chatter_share: float = 0.0  # of the power of all lines, noise left out, in those of the chatter
     peaks: tuple[ChatterPeak, ...] = ()
     stable_speeds: tuple[float, ...] = ()  # rad/s, 2 pi f_c / (teeth (k + 1)) of the chatter frequency, k = 0, 1, ...
     frequency: np.ndarray = array("Hz", "line")

@@ -35,7 +35,7 @@ from millcal.stages.judge.signal import (
 )
 from millcal.stages.judge.speed import FAR_FROM_STATED, refined_cycle
 from millcal.stages.judge.strobes import once_per_tooth
-from millcal.stages.judge.verdict import WITH_COMPANY, WITH_MUCH, Finding, judged
+from millcal.stages.judge.verdict import MUCH, WITH_COMPANY, WITH_MUCH, Finding, company, judged
 
 __all__ = ["judge_cut"]
 
@@ -124,7 +124,10 @@ def judge_cut(
     if max(one.share for one in looks) < WITH_COMPANY and late * cycle.cycle >= FEWEST_LATE:
         # a spectrum under a window sees little of what begins at the end
         ends = [look(row, y[-late:], calm, **known) for row, y, calm in zip(rows, samples, quiet, strict=True)]
-        if any(end.share >= WITH_COMPANY and _is_new(end, whole) for end, whole in zip(ends, looks, strict=True)):
+        if any(
+            end.share >= WITH_COMPANY and _is_new(end, whole, teeth * cycle.cycle)
+            for end, whole in zip(ends, looks, strict=True)
+        ):
             looks = ends
             stretch = stretch._replace(start=stretch.stop - late)
             revolutions = late * cycle.cycle
@@ -133,7 +136,8 @@ def judge_cut(
                 f"what is told is of the end of the cut, from {stretch.start / rate:.4g} s: it begins there",
                 "note",
             )
-    found = max(looks, key=lambda one: (one.share >= WITH_MUCH) * one.share + 1e-6 * _alternating_share(one, teeth))
+    loudest = max(one.followed for one in looks) or 1.0
+    found = max(looks, key=lambda one: _told_share(one, teeth * cycle.cycle) + 1e-6 * one.followed / loudest)
     drive = 1 if recording.cutter is not None and _uneven(recording.cutter.pitch) else teeth
     note_clipping(
         recorded[rows.index(found.row)],
@@ -159,6 +163,7 @@ def judge_cut(
         alternating=differs,
         alternating_grows=_alternating_grows(found.signal, cycle.cycle, drive, revolutions),
         expected=None if differs is None else expected_chips(recording.cutter, feed, differs.step),
+        by_force=recording.channels[found.row].quantity == "force",
         swing=_swing(recording, found, differs, feed),
     )
     order = np.arange(len(found.harmonics))
@@ -208,8 +213,20 @@ def _stated(recording: Recording, teeth: int | None, spindle_speed: float | None
     return teeth, frequency
 
 
-def _is_new(end: Remains, whole: Remains) -> bool:
-    """Whether the strongest tone at the end of a cut is smaller in the whole of it."""
+def _told_share(one: Remains, passing: float) -> float:
+    """The share of a channel's tones, where there is something to be told of them."""
+    if not one.family:
+        return 0.0
+    needed = WITH_MUCH if company(one.family, passing, one.spectra.size) >= MUCH else WITH_COMPANY
+    return one.share if one.share >= needed else 0.0
+
+
+def _is_new(end: Remains, whole: Remains, passing: float) -> bool:
+    """Whether the strongest tone at the end of a cut is smaller in the whole of it, and has company: in so short a stretch what
+    noise makes of a resonance is as sharp.
+    """
+    if not company(end.family, passing, end.spectra.size):
+        return False
     tone, near = end.family[0], 1.5 / end.spectra.size
     return tone.power > BEGINS * sum(
         other.power for other in whole.tones if abs(other.frequency - tone.frequency) < near
@@ -218,11 +235,6 @@ def _is_new(end: Remains, whole: Remains) -> bool:
 
 def _uneven(pitch: tuple[float, ...] | None) -> bool:
     return pitch is not None and float(np.ptp(pitch)) > 1e-3
-
-
-def _alternating_share(found: Remains, teeth: int) -> float:
-    told = alternation(found.harmonics, found.noise, teeth)
-    return 0.0 if told is None else min(told.power, 1e3)
 
 
 def _swing(recording: Recording, found: Remains, differs: Alternation | None, feed: float | None) -> float | None:

@@ -25,7 +25,7 @@ SEEN = 25.0  # power over the noise, of the neighbours
 LITTLE = 0.4  # difference of the chips up to which it is runout
 MUCH = 0.55  # from which it may be a motion of its own that has grown up
 TOO_MUCH = 2.0  # beyond, the tooth passing is silent for another reason
-SMALL = 0.2  # power of these lines over that of the tooth passing, up to which it is runout all the same
+SMALL = 0.5  # power of these lines over that of the tooth passing, up to which it is runout all the same
 LARGE = 4.0  # from which it is no runout, where runout makes such lines (q = 1)
 LARGE_OTHER = 1.5  # and where it hardly does
 BEYOND = 3.0  # times the difference that a measured runout makes: no runout

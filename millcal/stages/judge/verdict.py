@@ -82,6 +82,7 @@ def judged(
     alternating: Alternation | None,
     alternating_grows: bool,
     expected: float | None,
+    by_force: bool,
     swing: float | None,
 ) -> Finding:
     """The verdict on one channel.
@@ -90,6 +91,7 @@ def judged(
     amplitudes : (block,) course of the strongest tone   changes : M(1), M(2), .. without harmonics of the spindle
     alternating_grows : the lines at odd multiples of half the tooth passing grow against those of the tooth passing
     expected : by how much chips alternate by a runout that was measured; None: not known
+    by_force : the channel is a force, whose tooth passing edge forces and teeth in cut may hide
     swing : rms of the lines in which teeth differ over the feed per tooth, of a motion of the tip; None: not known
     """
     size, passing = found.spectra.size, teeth * cycle
@@ -136,7 +138,7 @@ def judged(
             None, [hump], found.hump_share, False,
         )  # fmt: skip
     if alternating is not None and revolutions >= FEWEST_REVOLUTIONS:
-        told = _alternation(alternating, teeth, cycle, rate, alternating_grows, expected, swing)
+        told = _alternation(alternating, teeth, cycle, rate, alternating_grows, expected, swing, by_force)
         if told is not None:
             return told
     if revolutions < FEWEST_REVOLUTIONS:
@@ -212,7 +214,14 @@ def _course(amplitudes: np.ndarray) -> str:
 
 
 def _alternation(
-    found: Alternation, teeth: int, cycle: float, rate: float, grows: bool, expected: float | None, swing: float | None
+    found: Alternation,
+    teeth: int,
+    cycle: float,
+    rate: float,
+    grows: bool,
+    expected: float | None,
+    swing: float | None,
+    by_force: bool,
 ) -> Finding | None:
     """A flip, or why it cannot be told from runout; None where it is runout.   cycle : turns per sample   rate : Hz"""
     said = reading(found, teeth, expected, swing)
@@ -223,7 +232,7 @@ def _alternation(
     who = "every other tooth cuts otherwise" if flips else f"the teeth cut differently, again after {found.period}"
     if said == "runout" and not (grows and found.power >= SMALL):
         return None
-    if said == "own" or grows:
+    if (said == "own" and not (by_force and expected is None)) or grows:
         line = Tone(found.strongest * cycle, 0.0, share, True)
         cause = ": a flip" if flips else ": chatter locked to the spindle"
         if grows:
