@@ -51,11 +51,13 @@ def refined_cycle(
 
 
 def _by_harmonics(samples: np.ndarray, stated: float, teeth: int) -> tuple[Cycle, tuple[int, ...]]:
-    """The speed near the stated one; one farther off where far more follows that, since overtones of chatter are a comb as well."""
+    """The speed near the stated one; one farther off where far more follows that, with the tooth passing itself, since
+    overtones of chatter are a comb as well."""
     harmonics = max(HARMONICS, 6 * teeth)
     near, seen = comb_cycle(samples, stated, harmonics=harmonics, every=teeth, span=NEAR)
     far, more = comb_cycle(samples, stated, harmonics=harmonics, every=teeth, span=FAR)
-    return (far, more) if len(more) >= max(MANY, MORE * len(seen)) else (near, seen)
+    believed = len(more) >= max(MANY, MORE * len(seen)) and teeth in more
+    return (far, more) if believed else (near, seen)
 
 
 def _pulse_cycle(recording: Recording, start: int, stop: int, stated: float, note: Note) -> Cycle | None:
