@@ -285,11 +285,11 @@ def _look_to(first: Method, asked: Asked) -> tuple[float, list[Notice]]:
 def _as_asked(asked: Asked) -> tuple[float, list[Notice]]:
     """The depth asked for, or what the operating point and the tests need to be told stable from."""
     assert asked.deepest is not None
-    least = BEYOND_POINT * asked.least_depth
+    least = asked.least_depth
     if asked.deepest >= least:
         return asked.deepest, []
     what = (
-        f"{_mm(asked.deepest)} mm do not reach past the operating point and the test cuts; limits are looked for down to "
+        f"{_mm(asked.deepest)} mm do not reach the operating point or the test cuts; limits are looked for down to "
         f"{_mm(least)} mm"
     )
     return least, [Notice("deepest", what, "stability.deepest_mm")]
