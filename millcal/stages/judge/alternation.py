@@ -98,8 +98,10 @@ def reading(found: Alternation, teeth: int, expected: float | None = None, swing
     if swing is not None and swing < QUIET:
         return "runout"
     large = LARGE if by_runout else LARGE_OTHER
-    if found.power < SMALL or (found.chips < LITTLE and found.power < LARGE):
+    if found.power < SMALL:
         return "runout"
+    if found.chips < LITTLE and found.power < LARGE:
+        return "either" if swing is not None and swing > LOUD and found.power > 1 else "runout"
     if by_runout and teeth > 2:  # with many teeth in cut the tooth passing vanishes, and runout is all there is
         moves = MUCH < found.chips < TOO_MUCH if swing is None else swing > LOUD
         return "either" if moves and found.power > LARGE else "runout"
