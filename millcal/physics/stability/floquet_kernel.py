@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+LARGE = 80  # unknowns, from which on a call of LAPACK is worth it
 MOST_STEPS = 60  # of the QR iteration for one eigenvalue
 
 
@@ -169,7 +170,10 @@ def _monodromy(p, depth, gamma, phi, evolution, feed, waves, left, right, matrix
         left[a, a] += 1.0
         for k in range(states):
             right[a, remembered + k] = phi[a, k]
-    _solve(left, right, unknowns, columns)
+    if unknowns > LARGE:
+        right[:] = np.linalg.solve(left, right)
+    else:
+        _solve(left, right, unknowns, columns)
     for k in range(remembered):
         for c in range(columns):
             matrix[k, c] = right[p.memory[k], c]
