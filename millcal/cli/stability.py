@@ -6,10 +6,13 @@ from typing import Annotated, Any
 import typer
 
 from millcal.cli.speak import Json, Quiet, Seed, check_choice, check_files, keep_and_reply, progress_bar
-from millcal.cli.stability_input import METHODS, geometry, one_of, read_cutting, read_dynamics, together, why_not
+from millcal.cli.stability_input import (
+    METHODS, above_zero, finite, geometry, one_of, read_cutting, read_dynamics, together, why_not, width_of_cut,
+)  # fmt: skip
 
 FIGURES = (".png", ".svg", ".pdf")
 MANY, FEW = 400, 60  # speeds of a map, at least; those of cuts in time take long
+MOST = 20_000  # speeds that are worth their time
 
 
 def stability(
@@ -48,7 +51,10 @@ def stability(
     points: Annotated[
         int | None,
         typer.Option(
-            "--points", min=2, help="Speeds of the map; default: at a round step, 400 or more (time-domain: 60)."
+            "--points",
+            min=2,
+            max=MOST,
+            help="Speeds of the map; default: at a round step, 400 or more (time-domain: 60).",
         ),
     ] = None,
     deepest_mm: Annotated[
@@ -114,14 +120,19 @@ def stability(
     check_choice("--method", method, METHODS)
     check_choice("--direction", direction, (None, "up", "down", "slot"))
     check_choice("--rigid", rigid, ("", "x", "y"))
-    for option, value in {
-        "--deepest-mm": deepest_mm,
-        "--diameter-mm": diameter_mm,
-        "--radial-depth-mm": radial_depth_mm,
-        "--feed-per-tooth-mm": feed_per_tooth_mm,
-    }.items():
-        if value is not None and not value > 0:
-            raise typer.BadParameter(f"{value:g} is not above 0", param_hint=option)
+    above_zero(
+        {
+            "--deepest-mm": deepest_mm,
+            "--diameter-mm": diameter_mm,
+            "--radial-depth-mm": radial_depth_mm,
+            "--feed-per-tooth-mm": feed_per_tooth_mm,
+        }
+    )
+    for name, pair in {"--operating": operating, "--rpm": rpm}.items():
+        for value in pair or ():
+            (above_zero if pair is operating else finite)({name: value})
+    finite({"--ktc": ktc, "--krc": krc, "--kte": kte, "--kre": kre, "--helix-deg": helix_deg})
+    finite({"--process-damping": damping, "--friction": friction})
     if simulate is not None and min(simulate) < 1:
         raise typer.BadParameter("give at least one speed and one depth", param_hint="--simulate-points")
     if simulate is not None and frf is not None and modes is None:
@@ -169,10 +180,13 @@ def stability(
     if point is None and len(at := {(cut.spindle_speed, cut.axial_depth) for cut in cuts}) == 1:
         point = at.pop()
     feed = max((cut.feed_per_tooth for cut in cuts), default=None)
+    toward = known(direction, "direction", "direction")
+    if radial_depth_mm is not None or not slot:
+        width_of_cut(known(radial_depth_mm, "radial_depth_mm", "radial_depth"), toward, cutting["diameter"])
     asked = {
         **cutting,
         "radial_depth": cutting["diameter"] if slot else known(radial_depth_mm, "radial_depth_mm", "radial_depth"),
-        "direction": known(direction, "direction", "direction"),
+        "direction": toward,
         "feed_per_tooth": feed if feed_per_tooth_mm is None else from_shop(feed_per_tooth_mm, "feed_per_tooth_mm"),
         "spindle_speed": (from_shop(low, "x_rpm"), from_shop(high, "x_rpm")),
         "points": points or _round_points(low, high, FEW if method == "time-domain" else MANY),
@@ -257,4 +271,4 @@ def _round_points(low: float, high: float, least: int = MANY) -> int:
     """Speeds of a map with so many points or more, at a step of 1, 2 or 5 times a power of ten where the range allows."""
     steps = [mantissa * 10.0**power for power in range(4, -4, -1) for mantissa in (5, 2, 1)]
     step = next((step for step in steps if (high - low) / step >= least - 1), steps[-1])
-    return round((high - low) / step) + 1
+    return min(round((high - low) / step) + 1, MOST)

@@ -1,5 +1,6 @@
 """What `millcal stability` is given: coefficients, cutter, conditions, dynamics, and which methods these allow."""
 
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,8 @@ import typer
 METHODS = ("zoa", "floquet", "frf", "time-domain")
 OF_MODES = ("floquet", "time-domain")
 DAMPED = ("floquet", "time-domain")  # methods that know of process damping
+WHOLE = 1e-9  # share by which a radial depth may exceed the diameter in the last digit,
+SLOT = 1e-3  # and by which that of a slot may fall short of it
 
 
 def one_of(options: dict[str, Any]) -> None:
@@ -23,6 +26,34 @@ def together(options: dict[str, Any]) -> None:
     """Refuse half of a pair."""
     if len({value is None for value in options.values()}) > 1:
         raise typer.BadParameter(f"{' and '.join(options)} go together")
+
+
+def finite(options: dict[str, float | None]) -> None:
+    """Refuse inf and nan, which float reads like any number."""
+    for option, value in options.items():
+        if value is not None and not isfinite(value):
+            raise typer.BadParameter(f"{value:g} is no number", param_hint=option)
+
+
+def above_zero(options: dict[str, float | None]) -> None:
+    """Refuse what is no size."""
+    finite(options)
+    for option, value in options.items():
+        if value is not None and not value > 0:
+            raise typer.BadParameter(f"{value:g} is not above 0", param_hint=option)
+
+
+def width_of_cut(radial_depth: float, direction: str, diameter: float) -> None:
+    """Refuse a width that this cutter does not cut.   radial_depth, diameter : m"""
+    from millcal.units import to_shop
+
+    wide, whole = to_shop(radial_depth, "_mm"), to_shop(diameter, "_mm")
+    if wide > whole * (1 + WHOLE):
+        what = f"{wide:g} is more than the diameter, {whole:g}; correct one"
+        raise typer.BadParameter(what, param_hint="--radial-depth-mm")
+    if direction == "slot" and wide < whole * (1 - SLOT):
+        what = f"{wide:g} is no slot of a cutter of {whole:g} mm; leave it out, or give --direction up or down"
+        raise typer.BadParameter(what, param_hint="--radial-depth-mm")
 
 
 def read_cutting(coefficients: Path | None, ktc: float | None, krc: float | None, setup: Path | None) -> tuple:
@@ -103,7 +134,7 @@ def _pitch(written: str, teeth: int) -> tuple[float, ...]:
         degrees = [float(part) for part in written.split(",")]
     except ValueError:
         raise typer.BadParameter(f"{written!r} is no list such as 70,110,70,110", param_hint="--pitch-deg") from None
-    if len(degrees) != teeth or min(degrees) <= 0 or abs(sum(degrees) - 360) > 0.01:
+    if len(degrees) != teeth or not (min(degrees) > 0 and abs(sum(degrees) - 360) <= 0.01):  # nan is neither
         raise typer.BadParameter(
             f"{written} are not {teeth} angles above 0 that add up to 360; give one from each tooth to the next",
             param_hint="--pitch-deg",

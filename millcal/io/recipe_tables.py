@@ -248,7 +248,7 @@ class StabilityTable(Table):
         "away, or the modes fitted to it; when absent the FRF, and one of the others where it is bent or the method needs modes",
     )
     rpm: Span = Field(description="[lowest, highest] spindle speed of the map, rpm")
-    points: int = Field(400, ge=2, description="number of speeds of the map")
+    points: int = Field(400, ge=2, le=20_000, description="number of speeds of the map")
     deepest_mm: Positive | None = Field(
         None, description="how deep to look, mm (not zoa); by the map itself when absent"
     )

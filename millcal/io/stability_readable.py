@@ -67,7 +67,7 @@ def compared_text(maps: Sequence[StabilityMap]) -> str:
 def round_speeds(rpm: np.ndarray) -> list[int]:
     """Indices of the speeds of a map nearest to round ones, about a dozen of them."""
     span = float(rpm[-1] - rpm[0])
-    steps = [mantissa * 10.0**power for power in range(-1, 6) for mantissa in (1, 2, 5)]
+    steps = [mantissa * 10.0**power for power in range(-6, 16) for mantissa in (1, 2, 5)]
     step = next(step for step in steps if span / step <= ROUND_SPEEDS)
     first = int(np.ceil(rpm[0] / step - 1e-9))
     wanted = step * np.arange(first, int(np.floor(rpm[-1] / step + 1e-9)) + 1)

@@ -142,6 +142,19 @@ def test_the_same_call_twice_writes_the_same_bytes(run, tmp_path):
         ([*COEFFICIENTS, "--setup", "setup.toml", "--pitch-deg", "100,120"], "are not 3 angles"),
         ([*COEFFICIENTS, "--setup", "setup.toml", "--pitch-deg", "even"], "no list such as"),
         ([*COEFFICIENTS, "--setup", "setup.toml", "--deepest-mm", "0"], "0 is not above 0"),
+        ([*COEFFICIENTS, "--setup", "setup.toml", "--deepest-mm", "inf"], "inf is no number"),
+        ([*COEFFICIENTS, "--setup", "setup.toml", "--radial-depth-mm", "25"], "25 is more than the diameter, 20"),
+        ([*COEFFICIENTS, "--setup", "setup.toml", "--radial-depth-mm", "3", "--direction", "slot"], "3 is no slot"),
+        ([*COEFFICIENTS, "--setup", "setup.toml", "--diameter-mm", "5"], "10 is more than the diameter, 5"),
+        ([*COEFFICIENTS, "--setup", "setup.toml", "--pitch-deg", "nan,120,120"], "are not 3 angles"),
+        (["--ktc", "600", "--krc", "inf", "--setup", "setup.toml"], "inf is no number"),
+        ([*COEFFICIENTS, "--setup", "setup.toml", "--operating", "10000", "-3"], "-3 is not above 0"),
+        ([*COEFFICIENTS, "--setup", "setup.toml", "--operating", "0", "3"], "0 is not above 0"),
+        ([*COEFFICIENTS, "--setup", "setup.toml", "--operating", "10000", "0"], "0 is not above 0"),
+        ([*COEFFICIENTS, "--setup", "setup.toml", "--operating", "nan", "3"], "nan is no number"),
+        ([*COEFFICIENTS, "--setup", "setup.toml", "--operating", "10000", "inf"], "inf is no number"),
+        ([*COEFFICIENTS, "--setup", "setup.toml", "--rpm", "5000", "inf"], "inf is no number"),
+        ([*COEFFICIENTS, "--setup", "setup.toml", "--points", "1000000"], "20000"),
         ([*COEFFICIENTS, "--setup", "setup.toml", "--probability", "--members", "0"], "needs draws"),
         ([*COEFFICIENTS, "--setup", "setup.toml", "--figure", "map.gif"], "does not say its format"),
         ([*COEFFICIENTS, "--setup", "setup.toml", "--csv", "map.h5"], "would be written over"),
@@ -186,6 +199,13 @@ def test_a_missing_axis_is_refused_until_it_is_called_rigid(run, tmp_path):
     code, out, _ = run(*arguments, "--rigid", "y", "--json")
     assert code == 0
     assert "rigid-axis" in {note["code"] for note in json.loads(out)["notes"]}
+
+
+@pytest.mark.parametrize("span", [("1e6", "1e7"), ("6000", "6000.001")])
+def test_any_range_of_speeds_has_round_ones_to_show(run, span):
+    code, out, err = run(*COEFFICIENTS, "--setup", "setup.toml", "--rpm", *span, "--points", "5", "-o", "map.h5")
+    assert (code, err.count("Traceback")) == (0, 0)
+    assert "limit mm" in out
 
 
 def test_the_command_knows_the_methods_of_the_stage():

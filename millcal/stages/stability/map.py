@@ -21,6 +21,7 @@ from millcal.stages.stability.method import Asked, Method, Sampling, Solve
 from millcal.stages.stability.methods import DEEPER, METHODS, OVER_MINIMUM
 from millcal.stages.stability.operating import SAFE, Columns, judged
 from millcal.stages.stability.pockets import best_speeds, pockets, refined
+from millcal.stages.stability.possible import refuse_impossible
 from millcal.stages.stability.spread import Spread, band_speeds, spread_of
 from millcal.units import to_shop
 
@@ -76,12 +77,16 @@ def map_stability(
     if method not in METHODS:
         raise ValueError(f"{method=} is none of {', '.join(METHODS)}")
     low, high = spindle_speed
-    if not 0 < low < high:
-        raise IllPosedError(
-            f"stability.rpm: {spindle_speed} rad/s is no range of spindle speeds; give [lowest, highest]"
-        )
     progress = progress or (lambda share, label: None)
     radial_depth = diameter if direction == "slot" or radial_depth is None else radial_depth
+    refuse_impossible(
+        spindle_speed=spindle_speed,
+        points=points,
+        diameter=diameter,
+        radial_depth=radial_depth,
+        deepest=deepest,
+        operating_point=operating_point,
+    )
     conditions = CuttingConditions(high, feed_per_tooth or 0.0, 1.0, radial_depth, direction)
     entry, leave = engagement(conditions, diameter)
     if leave - entry <= 0:

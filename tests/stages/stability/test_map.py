@@ -386,7 +386,13 @@ def test_unequal_pitch_small_immersion_and_a_missing_feed_are_told():
     [
         ({"spindle_speed": (0.0, 100.0)}, "no range of spindle speeds"),
         ({"spindle_speed": (100.0, 50.0)}, "no range of spindle speeds"),
+        ({"spindle_speed": (100.0, np.inf)}, "no range of spindle speeds"),
+        ({"points": 1_000_000}, "2 to 100000"),
         ({"radial_depth": 0.0}, "not engaged"),
+        ({"radial_depth": 1.25 * CUT["diameter"]}, "more than the diameter"),
+        ({"deepest": np.inf}, "no depth"),
+        ({"operating_point": (0.0, 1e-3)}, "no operating point"),
+        ({"operating_point": (1000.0, np.nan)}, "no operating point"),
     ],
 )
 def test_a_map_that_cannot_be_drawn_is_refused_with_the_key(change, words):
