@@ -24,6 +24,7 @@ MOST_SAMPLES = 1 << 22  # of a channel, that are judged
 HARMONICS, ORDERS = 2, 4  # of the teeth, and of the spindle if these are more, that tell the cut from the air
 FRAME = 8  # turns of one spectrum
 PARTED = 2.5  # times as strong they are in the cut, in the mean of either
+WEAK = 0.4  # of the usual strength: at an end of the cut that is air
 FOLLOWS = 0.3  # share of the power in them, from which it is no air
 BRIDGE = 3  # revolutions
 FEWEST = 3  # revolutions
@@ -103,7 +104,7 @@ def cutting_stretch(
             )
         stop = min(stop, length)
     else:
-        first, last = found
+        first, last = _without_quiet_ends(strength, *found)
         trim = max(FRAME // 2 + 2, (last - first) // 20)  # ramps, and what rings when the tool enters or leaves
         first += trim if first > 0 and last - first > 4 * trim else 0
         last -= trim if last < len(strength) and last - first > 4 * trim else 0
@@ -168,6 +169,14 @@ def _of_the_cut(strength: np.ndarray, of_teeth: np.ndarray, share: np.ndarray) -
     if high[at] - low[at] < np.log(PARTED) or np.median(share[weak]) > FOLLOWS:
         return usable
     return usable & ~weak
+
+
+def _without_quiet_ends(strength: np.ndarray, first: int, last: int) -> Samples:
+    """Revolutions first..last without those at either end that are much weaker: air too short for a spectrum of it."""
+    quiet = ~(strength[first:last] > WEAK * np.nanmedian(strength[first:last]))
+    loud = np.flatnonzero(~quiet)
+    ahead, behind = int(loud[0]), int(len(quiet) - 1 - loud[-1])
+    return first + min(ahead, FRAME), last - min(behind, FRAME)
 
 
 def _air(strength: np.ndarray, cut: np.ndarray, survey: Survey) -> Samples | None:
