@@ -7,7 +7,16 @@ import typer
 
 from millcal.cli.speak import Json, Quiet, Seed, check_choice, check_files, keep_and_reply, progress_bar
 from millcal.cli.stability_input import (
-    METHODS, above_zero, finite, geometry, one_of, read_cutting, read_dynamics, together, why_not, width_of_cut,
+    METHODS,
+    above_zero,
+    finite,
+    geometry,
+    one_of,
+    read_cutting,
+    read_dynamics,
+    together,
+    why_not,
+    width_of_cut,
 )  # fmt: skip
 
 FIGURES = (".png", ".svg", ".pdf")

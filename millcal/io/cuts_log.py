@@ -23,6 +23,8 @@ POSITIVE = ("rpm", "axial_depth_mm", "radial_depth_mm", "feed_per_tooth_mm")
 MEASURED = ("M_um", "chatter_hz", "power_W")
 DIRECTIONS = ("up", "down", "slot")
 SAME = 0.01  # of a radial depth
+SLOWEST_RPM = 400.0  # a log without a faster cut was perhaps written in Hz,
+SHALLOWEST_MM = 0.05  # and one without a deeper in m
 _ALSO = {"spindle_speed_rpm": "rpm"}
 _VERDICTS = {
     **dict.fromkeys(("1", "1.0", "1,0", "true", "yes", "stable"), True),
@@ -87,6 +89,7 @@ def cuts_on_map(
         notices.append(Notice("tests-left-out", what, str(path)))
     if unjudged:
         notices.append(Notice("tests-not-judged", f"{_rows(unjudged)} with a blank `stable`: left out", str(path)))
+    notices += _other_units(cuts, path)
     found = CutTests(
         spindle_speed=np.array([cut.spindle_speed for cut in belong]),
         axial_depth=np.array([cut.axial_depth for cut in belong]),
@@ -94,6 +97,18 @@ def cuts_on_map(
         name=path.name,
     )
     return found, tuple(notices)
+
+
+def _other_units(cuts: Sequence[LoggedCut], path: Path) -> list[Notice]:
+    """Numbers that are right in another unit: all of them, for one cut may be an odd one."""
+    fastest = to_shop(max(cut.spindle_speed for cut in cuts), "x_rpm")
+    deepest = to_shop(max(cut.axial_depth for cut in cuts), "_mm")
+    doubtful = []
+    if fastest < SLOWEST_RPM:
+        doubtful.append(f"no rpm is above {fastest:.3g}; if these are Hz, write 60 times as much")
+    if deepest < SHALLOWEST_MM:
+        doubtful.append(f"no axial_depth_mm is above {deepest:.3g}; if these are m, write 1000 times as much")
+    return [Notice("tests-unit", what, str(path)) for what in doubtful]
 
 
 def _columns(path: Path, number: int, header: str) -> tuple[str, dict[str, int], int]:

@@ -99,6 +99,18 @@ def test_cuts_of_another_engagement_or_without_a_verdict_are_left_out_and_told(w
     }
 
 
+def test_numbers_that_are_right_in_another_unit_are_told(write):
+    def told(rows):
+        path = write("rpm,axial_depth_mm,stable\n" + rows)
+        return [notice.message for notice in cuts_on_map(read_cuts_log(path), path, **MAP)[1]]
+
+    assert told("9000,1,1\n150,0.02,0\n") == []
+    (speeds,) = told("150,1,1\n170,2,0\n")
+    assert "no rpm is above 170; if these are Hz" in speeds
+    (depths,) = told("9000,0.001,1\n9000,0.002,0\n")
+    assert "no axial_depth_mm is above 0.002; if these are m" in depths
+
+
 def test_a_log_of_which_nothing_belongs_on_the_map_is_refused(write):
     path = write(LOG)
     with pytest.raises(

@@ -10,29 +10,43 @@ from millcal.stages.stability.method import Asked, Method, Progress
 from millcal.stages.stability.modes import poles_of_modes
 from millcal.units import to_shop
 
+ROUNDED = 1e-9  # share of a speed: a cut at the end of the map lies on it
 LINE = 100  # depths of a line of cuts whose resting places are drawn
 
 
 def held_against(tests: CutTests, speeds: np.ndarray, chosen: Method, cut: Regeneration) -> list[Notice]:
-    """Which cuts went as the map says."""
-    if not len(tests.stable):
+    """Which cuts on the map went as it says; of others it says nothing."""
+    here = (
+        (tests.spindle_speed >= speeds[0] * (1 - ROUNDED))
+        & (tests.spindle_speed <= speeds[-1] * (1 + ROUNDED))
+        & (tests.axial_depth <= chosen.deepest)
+    )
+    outside = int(np.count_nonzero(~here))
+    if not len(here):
         return []
-    at = tests.spindle_speed
+    if not here.any():
+        low, high = (f"{to_shop(end, 'x_rpm'):.0f}" for end in speeds[[0, -1]])
+        deep = "" if np.isinf(chosen.deepest) else f" and {to_shop(chosen.deepest, 'x_mm'):.3g} mm"
+        what = f"no test cut lies on this map of {low} to {high} rpm{deep}; map the speeds of the cuts"
+        return [Notice("tests", what, tests.name)]
+    speed, depth, stable = tests.spindle_speed[here], tests.axial_depth[here], tests.stable[here].astype(bool)
+    at = speed
     if not chosen.refine[0]:  # a method too dear for speeds of their own
         at = speeds[np.argmin(np.abs(speeds - at[:, np.newaxis]), axis=1)]
     own, where = np.unique(at, return_inverse=True)
     table = edge_table(chosen.solve(own, cut, lambda share: None).edges, len(own))[where]
-    wrong = np.flatnonzero(is_stable(table, tests.axial_depth) != tests.stable.astype(bool))
+    wrong = np.flatnonzero(is_stable(table, depth) != stable)
     what = f"{len(at) - len(wrong)} of {len(at)} test cuts went as the map says"
+    left = f"; {outside} more {'lies' if outside == 1 else 'lie'} outside the map" if outside else ""
     if not len(wrong):
-        return [Notice("tests", what, tests.name, "note")]
+        return [Notice("tests", what + left, tests.name, "note")]
     cuts = [
-        f"{to_shop(tests.spindle_speed[i], 'x_rpm'):.0f} rpm {to_shop(tests.axial_depth[i], 'x_mm'):.3g} mm "
-        f"{'was stable' if tests.stable[i] else 'chattered'}"
+        f"{to_shop(speed[i], 'x_rpm'):.0f} rpm {to_shop(depth[i], 'x_mm'):.3g} mm "
+        f"{'was stable' if stable[i] else 'chattered'}"
         for i in wrong[:3]
     ]
     more = f" and {len(wrong) - 3} more" if len(wrong) > 3 else ""
-    return [Notice("tests", f"{what}; not {', '.join(cuts)}{more}", tests.name)]
+    return [Notice("tests", f"{what}; not {', '.join(cuts)}{more}{left}", tests.name)]
 
 
 def simulated_over(

@@ -175,6 +175,7 @@ def map_stability(
     if operating_point is not None:
         columns = Columns(speeds, table, runnable, picture, edges_at if chosen.refine[0] else None)
         own = _of_one(beside, len(extra) - 1)
+        notices += _outside(operating_point[0], speeds)
         operating = _operating(chosen, cut, operating_point, own, columns, best, spread, cutter)
     first = solution.edges.first(points)
     minimum = _minimum(chosen, cut, everywhere, limits)
@@ -303,6 +304,18 @@ def _operating(
 
     limit = float(edge_table(own, 1)[0, 0])
     return judged(point, own, limit, columns, best, spread, others if chosen.name == "floquet" else None)
+
+
+def _outside(speed: float, speeds: np.ndarray) -> list[Notice]:
+    """That nothing is known between the operating point and the map."""
+    low, high = speeds[[0, -1]]
+    if low * (1 - ALIKE) <= speed <= high * (1 + ALIKE):
+        return []
+    what = (
+        f"the operating point, {to_shop(speed, 'x_rpm'):.0f} rpm, lies outside the map, {to_shop(low, 'x_rpm'):.0f} to "
+        f"{to_shop(high, 'x_rpm'):.0f} rpm: speeds nearer to it were not looked at; widen the map to be advised of them"
+    )
+    return [Notice("operating-outside", what, "stability.rpm")]
 
 
 def _lobes(first: Crossings, speeds: np.ndarray, teeth: int) -> np.ndarray:

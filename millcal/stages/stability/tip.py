@@ -95,7 +95,7 @@ def at_tip(
 
 
 def missing_axes(present: set[str], rigid: str, where: str) -> list[Notice]:
-    """Refuse a direction nobody spoke of; say which is taken as rigid."""
+    """Refuse a direction nobody spoke of; say which is taken as rigid, and which is not though it was called so."""
     missing = [axis for axis in "xy" if axis not in present]
     if len(missing) == 2:
         raise IllPosedError(f"{where}: neither x nor y is there; a limit needs the tip's dynamics across the spindle")
@@ -104,7 +104,13 @@ def missing_axes(present: set[str], rigid: str, where: str) -> list[Notice]:
             raise IllPosedError(
                 f"{where}: nothing along {axis}; add it, or state that it is rigid (--rigid {axis}, stability.rigid)"
             )
-    return [Notice("rigid-axis", f"{axis} is taken as rigid, as stated", where, "note") for axis in missing]
+    notices = [Notice("rigid-axis", f"{axis} is taken as rigid, as stated", where, "note") for axis in missing]
+    for axis in sorted(set(rigid) & present):  # what was measured is believed: a map without it would promise too much
+        what = (
+            f"{axis} is not taken as rigid: its dynamics are there and count; take them out if they are not the tip's"
+        )
+        notices.append(Notice("rigid-ignored", what, where))
+    return notices
 
 
 def lowest_known(lines: Lines, i: int, where: str) -> float:

@@ -235,6 +235,14 @@ def test_a_missing_axis_is_refused_unless_the_user_says_that_it_is_rigid():
     np.testing.assert_allclose(by_lines.limit_depth, by_modes.limit_depth, rtol=1e-5)
 
 
+def test_an_axis_that_was_measured_counts_though_it_is_called_rigid_and_that_is_told():
+    for dynamics in (measured(), MODES):
+        plain = map_stability(dynamics, (KTC, KRC), **CUT, points=10)
+        called = map_stability(dynamics, (KTC, KRC), **CUT, points=10, rigid="x")
+        np.testing.assert_array_equal(called.limit_depth, plain.limit_depth)
+        assert codes(called) - codes(plain) == {"rigid-ignored"}
+
+
 def test_a_response_that_is_not_at_the_point_of_the_force_is_refused():
     frf = replace(measured(), outputs=("shankX", "shankY"))
     with pytest.raises(IllPosedError, match="no point is both hit and measured"):

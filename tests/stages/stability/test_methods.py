@@ -245,6 +245,25 @@ def test_cuts_made_are_held_against_the_map():
     assert "7500 rpm 2.1 mm chattered" in told
 
 
+@pytest.mark.parametrize("method", ["zoa", "floquet"])
+def test_cuts_outside_the_map_neither_agree_with_it_nor_not(method):
+    def told(rpm, depth_mm):
+        made = CutTests(
+            spindle_speed=np.array(rpm) * RPM, axial_depth=np.array(depth_mm) * 1e-3,
+            stable=np.array([1.0] + [0.0] * (len(rpm) - 1)), name="cuts.csv",
+        )  # fmt: skip
+        found = map_stability(ONE, (KTC, KRC), **CUT, method=method, points=5, tests=made)
+        return [(n.message, n.level) for n in found.notices if n.code == "tests"]
+
+    within = "1 of 1 test cuts went as the map says"
+    assert told([7500], [1.0]) == [(within, "note")]
+    assert told([7500, 170, 180], [1.0, 0.2, 9.0]) == [(f"{within}; 2 more lie outside the map", "note")]
+    assert told([7500, 25_000], [1.0, 0.2]) == [(f"{within}; 1 more lies outside the map", "note")]
+    ((nothing, level),) = told([170, 180], [1.0, 0.2])
+    assert nothing.startswith("no test cut lies on this map of 5000 to 20000 rpm")
+    assert level == "warning"
+
+
 def test_process_damping_deepens_the_limit_and_a_helix_changes_it():
     plain = map_stability(ONE, (KTC, KRC), **CUT, method="floquet", points=10, deepest=4e-3)
     damped = map_stability(ONE, (KTC, KRC), **CUT, method="floquet", points=10, deepest=4e-3, indentation=2e5)

@@ -105,3 +105,13 @@ def test_a_pocket_without_a_bottom_is_run_in_its_middle():
     depth = np.array([1, 1, 1, np.inf, np.inf, np.inf, 1, 1, 2, 1, 1]) * 1e-3
     found = pockets(lambda some: np.interp(some, speeds, depth), speeds, depth, 3e-3, (0, 0))
     np.testing.assert_allclose(found[:2], [140.0, 180.0])
+
+
+def test_a_point_outside_the_speeds_of_the_map_is_told():
+    def told(rpm):
+        found = map_stability(ONE, (KTC, KRC), **CUT, points=20, operating_point=(rpm * RPM, 1e-3))
+        return [notice.message for notice in found.notices if notice.code == "operating-outside"]
+
+    assert told(5000) == told(20_000) == []
+    (message,) = told(30_000)
+    assert "30000 rpm, lies outside the map, 5000 to 20000 rpm" in message
