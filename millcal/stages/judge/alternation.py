@@ -9,7 +9,9 @@ its own receptance, which the neighbours on either side have as well but for res
 these out. Runout of a fraction of the feed makes chips differ by such a fraction, mostly from turn to turn (q = 1). A flip
 (q = N/2) grows until teeth leave the cut, and is largest where its lines meet a resonance.
 
-Runout that is amplified near a flip passes into a flip without a step, so between the two nobody can tell.
+Runout that is amplified near a flip passes into a flip without a step, so between the two nobody can tell: with a multiplier
+of -mu the tool swings 1 / (1 - mu) times as far as on a stiff path, so that a runout which was measured tells a flip only
+where it is next to nothing.
 """
 
 from math import gcd
@@ -28,7 +30,7 @@ TOO_MUCH = 2.0  # beyond, the tooth passing is silent for another reason
 SMALL = 0.5  # power of these lines over that of the tooth passing, up to which it is runout all the same
 LARGE = 4.0  # from which it is no runout, where runout makes such lines (q = 1)
 LARGE_OTHER = 1.5  # and where it hardly does
-BEYOND = 3.0  # times the difference that a measured runout makes: no runout
+BEYOND = 30.0  # times the difference that a measured runout makes: more than a stable cut makes of it at a resonance
 NEAR = 1.5  # times that: runout
 QUIET, LOUD = (
     0.03,
@@ -92,7 +94,8 @@ def expected_chips(cutter: Cutter | None, feed_per_tooth: float | None, step: in
 def reading(found: Alternation, teeth: int, expected: float | None = None, swing: float | None = None) -> str:
     """`own` (a flip, or locked to the spindle), `runout`, or `either`.
 
-    expected : difference of the chips by known runout   swing : rms of the lines over the feed, of a motion of the tip
+    expected : difference of the chips by known runout, 0 where there is none
+    swing : rms of the lines over the feed, of a motion of the tip
     """
     by_runout = found.step == 1
     if swing is not None and swing < QUIET:
@@ -105,6 +108,8 @@ def reading(found: Alternation, teeth: int, expected: float | None = None, swing
     if by_runout and teeth > 2:  # with many teeth in cut the tooth passing vanishes, and runout is all there is
         moves = MUCH < found.chips < TOO_MUCH if swing is None else swing > LOUD
         return "either" if moves and found.power > LARGE else "runout"
+    if expected == 0.0:
+        return "own"
     if expected is not None and by_runout and np.isfinite(found.chips):
         if found.chips > BEYOND * expected:
             return "own"

@@ -8,12 +8,13 @@ from millcal.numerics.pulses import number_pulses, pulse_times
 from millcal.numerics.spectra import Cycle
 from millcal.stages.judge.signal import Note, reader
 
-NEAR, FAR = 0.012, 0.03  # how far the stated speed may be off: usually, and at most
+NEAR, FAR = 0.012, 0.032  # how far the stated speed may be off: usually, and at most
 MORE = 2  # times as many harmonics stand out at a speed far off, before it is believed
 MANY = 6  # and so many at least
 FAR_FROM_STATED = 0.01
 HARMONICS = 60
 FEWEST_OTHERS = 4  # harmonics that stand out, for a speed by them, if none is of the teeth
+FEWEST_OF_TEETH = 3  # for a speed far off, where nothing follows a nearer one
 FEWEST_SEEN = 2  # if one is; or the first of the tooth passing alone
 PULSE_SCATTER = 0.05  # of a revolution
 
@@ -26,8 +27,7 @@ def refined_cycle(
     samples : (channel, sample) from `start` on   stated : cycles per sample
     """
     by_comb, seen = _by_harmonics(samples, stated, teeth)
-    of_teeth = any(k % teeth == 0 for k in seen)
-    follows = len(seen) >= (FEWEST_SEEN if of_teeth else FEWEST_OTHERS) or seen == (teeth,)
+    follows = _follows(seen, teeth)
     by_pulse = _pulse_cycle(recording, start, start + samples.shape[1], stated, note)
     if by_pulse is not None:
         found = by_pulse
@@ -51,13 +51,21 @@ def refined_cycle(
 
 
 def _by_harmonics(samples: np.ndarray, stated: float, teeth: int) -> tuple[Cycle, tuple[int, ...]]:
-    """The speed near the stated one; one farther off where far more follows that, with the tooth passing itself, since
-    overtones of chatter are a comb as well."""
+    """The speed near the stated one; one farther off where far more follows that, or where nothing follows the near one, with
+    the tooth passing itself, since overtones of chatter are a comb as well."""
     harmonics = max(HARMONICS, 6 * teeth)
     near, seen = comb_cycle(samples, stated, harmonics=harmonics, every=teeth, span=NEAR)
     far, more = comb_cycle(samples, stated, harmonics=harmonics, every=teeth, span=FAR)
-    believed = len(more) >= max(MANY, MORE * len(seen)) and teeth in more
+    of_teeth = sum(k % teeth == 0 for k in more)
+    many = len(more) >= max(MANY, MORE * len(seen)) or (of_teeth >= FEWEST_OF_TEETH and not _follows(seen, teeth))
+    believed = many and teeth in more
     return (far, more) if believed else (near, seen)
+
+
+def _follows(seen: tuple[int, ...], teeth: int) -> bool:
+    """Whether the harmonics that stand out are enough to tell a speed."""
+    of_teeth = any(k % teeth == 0 for k in seen)
+    return len(seen) >= (FEWEST_SEEN if of_teeth else FEWEST_OTHERS) or seen == (teeth,)
 
 
 def _pulse_cycle(recording: Recording, start: int, stop: int, stated: float, note: Note) -> Cycle | None:

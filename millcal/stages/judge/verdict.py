@@ -16,7 +16,9 @@ from millcal.stages.judge.remains import Remains
 SURE = 0.15  # share of the power from which a tone without company is chatter
 WITH_COMPANY = 0.02  # with tones a tooth passing away
 MUCH, WITH_MUCH = 3, 0.003  # with so many of them: nothing else is modulated so
-WEAK = 0.0005  # the same: worth a word
+WEAK = 0.0005  # with any: worth a word
+TOLD = 0.0005  # share of the power from which lines are not passed over in silence
+IN_COMB = 0.01  # of the strongest tone's power, from which one counts as of a comb
 COMPANY = 0.003  # of its power, from which a tone a tooth passing away is one
 BROAD = 0.5  # share of a hump from which it is chatter that wanders
 DOUBTFUL_HUMP = 0.2
@@ -28,6 +30,7 @@ NEAR = 0.012  # how far a stated speed may be off
 MOST_TOLD = 100.0  # beyond, the tooth passing is nearly silent
 STRAY = 3.0  # times the power of the tooth passing, in one harmonic of the spindle alone
 DIES = 0.3
+HIGHEST = 12_000.0  # Hz: no tool chatters above it
 
 
 class Finding(NamedTuple):
@@ -90,12 +93,11 @@ def judged(
     far_off : the speed is known from the harmonics alone, and is not what was stated
     amplitudes : (block,) course of the strongest tone   changes : M(1), M(2), .. without harmonics of the spindle
     alternating_grows : the lines at odd multiples of half the tooth passing grow against those of the tooth passing
-    expected : by how much chips alternate by a runout that was measured; None: not known
+    expected : by how much chips alternate by a runout that was measured, 0 where there is none; None: not known
     by_force : the channel is a force, whose tooth passing edge forces and teeth in cut may hide
     swing : rms of the lines in which teeth differ over the feed per tooth, of a motion of the tip; None: not known
     """
     size, passing = found.spectra.size, teeth * cycle
-    unit = "Hz"
     share = found.share
     if len(amplitudes) and found.family:
         mean_square = float(np.mean(amplitudes**2))
@@ -108,9 +110,11 @@ def judged(
         f, k = found.family[0].frequency, round(found.family[0].frequency / passing)
         if k and abs(f / (k * passing) - 1) < NEAR:
             return _unknown(
-                f"one line stands out alone, at {f * rate:.5g} {unit}, and nothing shows the speed so well that it could be told "
+                f"one line stands out alone, at {f * rate:.5g} Hz, and nothing shows the speed so well that it could be told "
                 f"from harmonic {k} of the tooth passing; record a pulse per revolution, or less noise"
             )
+    if found.family and share >= needed and not several and not follows:
+        return _unknown(_comb_of_another_speed(found.family, teeth, size, rate, cycle))
     if found.family and share >= needed:
         tone = found.family[0]
         f = tone.frequency * rate
@@ -120,30 +124,30 @@ def judged(
         if period is not None:
             return Finding(
                 "period-n",
-                f"a line at {f:.5g} {unit}{beside} holds {share:.0%} of the power and the motion repeats every {period} teeth"
+                f"a line at {f:.5g} Hz{beside} holds {share:.0%} of the power and the motion repeats every {period} teeth"
                 + (": a flip" if period == 2 else "") + course,
                 period, found.family, found.share, False,
             )  # fmt: skip
         return Finding(
             "chatter",
-            f"a line at {f:.5g} {unit}{beside} follows neither teeth nor spindle and holds {share:.0%} of the power{course}",
+            f"a line at {f:.5g} Hz{beside} follows neither teeth nor spindle and holds {share:.0%} of the power{course}",
             None, found.family, found.share, False,
         )  # fmt: skip
     if found.hump_share >= BROAD:
         hump = found.humps[0]
         return Finding(
             "chatter",
-            f"a broad line about {hump.frequency * rate:.4g} {unit} holds {found.hump_share:.0%} of the power: chatter whose "
+            f"a broad line about {hump.frequency * rate:.4g} Hz holds {found.hump_share:.0%} of the power: chatter whose "
             "frequency wanders",
             None, [hump], found.hump_share, False,
         )  # fmt: skip
-    if alternating is not None and revolutions >= FEWEST_REVOLUTIONS:
+    if alternating is not None and follows and revolutions >= FEWEST_REVOLUTIONS:
         told = _alternation(alternating, teeth, cycle, rate, alternating_grows, expected, swing, by_force)
         if told is not None:
             return told
     if revolutions < FEWEST_REVOLUTIONS:
         return _unknown(
-            f"{revolutions:.1f} revolutions are too few to see what lies between the harmonics of the spindle"
+            f"{int(revolutions)} whole revolutions are too few to see what lies between the harmonics of the spindle"
         )
     if not follows:
         return _unknown(
@@ -151,37 +155,56 @@ def judged(
         )
     if found.family and share >= WITH_COMPANY:
         return _unknown(
-            f"a line at {found.family[0].frequency * rate:.5g} {unit} holds {share:.1%} of the power and has no company a tooth "
+            f"a line at {found.family[0].frequency * rate:.5g} Hz holds {share:.1%} of the power and has no company a tooth "
             "passing away: chatter that begins, or another machine; an air cut would tell"
         )
     if found.hump_share >= DOUBTFUL_HUMP:
         return _unknown(
-            f"a broad hump about {found.humps[0].frequency * rate:.4g} {unit} holds {found.hump_share:.0%} of the power: a "
+            f"a broad hump about {found.humps[0].frequency * rate:.4g} Hz holds {found.hump_share:.0%} of the power: a "
             "resonance that noise excites, or chatter that wanders"
         )
     stray = _stray(found, teeth) if far_off else None
     if stray is not None:
         order, ratio = stray
         return _unknown(
-            f"harmonic {order} of the spindle, at {order * cycle * rate:.5g} {unit}, has {ratio:.2g} times the power of the tooth "
+            f"harmonic {order} of the spindle, at {order * cycle * rate:.5g} Hz, has {ratio:.2g} times the power of the tooth "
             "passing and is none of its harmonics: runout that meets a resonance, or chatter on that line; a pulse per "
             "revolution would tell, or a cut at a speed some percent away"
         )
-    why = f"all that stands out follows the teeth and the spindle, up to {rate / 2:.5g} Hz"
+    others = [tone for tone in found.tones if tone.sharp and tone.power >= TOLD * found.power]
+    all_of_it = (
+        "what stands out follows the teeth and the spindle, but for weak lines"
+        if others
+        else ("all that stands out follows the teeth and the spindle")
+    )
+    why = f"{all_of_it}, up to {rate / 2:.5g} Hz"
     if alternating is not None and SURE < alternating.power < MOST_TOLD:
         order = alternating.strongest
         why += (
             f"; runout shows {alternating.power:.2g} times the power of the tooth passing between its harmonics, the most at "
-            f"{order * cycle * rate:.5g} {unit}"
+            f"{order * cycle * rate:.5g} Hz"
         )
-    if found.family and several >= MUCH and share >= WEAK:
+    if found.family and several and share >= WEAK:
         why += (
-            f"; a weak line at {found.family[0].frequency * rate:.5g} {unit} with {several} more a tooth passing apart holds "
-            f"{share:.2%} of the power: chatter is near"
+            f"; one at {found.family[0].frequency * rate:.5g} Hz with {several} more a tooth passing apart holds "
+            f"{share:.2%} of the power, as chatter begins: watch it"
         )
     elif found.family and found.share >= WITH_COMPANY:
-        why += f"; a line at {found.family[0].frequency * rate:.5g} {unit} dies away"
+        why += f"; a line at {found.family[0].frequency * rate:.5g} Hz dies away"
     return Finding("stable", why, 1, [], share, False)
+
+
+def _comb_of_another_speed(family: list[Tone], teeth: int, size: int, rate: float, cycle: float) -> str:
+    """What to say of lines where nothing follows the stated speed: multiples of one frequency may be the teeth at another."""
+    large = [tone.frequency for tone in family if tone.power > IN_COMB * family[0].power]
+    said = f"lines stand out, the most at {large[0] * rate:.5g} Hz, but nothing follows a spindle near {60 * cycle * rate:.5g} rpm"
+    for part in range(1, 5):
+        base = min(large) / part
+        if len(large) > 1 and all(folded(f, base) < 1.0 / size for f in large) and base > 4.0 / size:
+            rpm = 60 * base * rate
+            at = f"{rpm:.5g} rpm" if teeth == 1 else f"{rpm / teeth:.5g} rpm (or the spindle at {rpm:.5g} rpm)"
+            return f"{said}: they are multiples of {base * rate:.5g} Hz, as those of the teeth at {at}; state the speed of this cut"
+    return f"{said}: chatter, or teeth at another speed; check the speed, or record a pulse per revolution"
 
 
 def _stray(found: Remains, teeth: int) -> tuple[int, float] | None:
@@ -240,11 +263,17 @@ def _alternation(
         elif expected is None:
             cause += "; only runout so large that some teeth cut nothing would look the same"
         else:
-            cause += ", far more than the measured runout makes"
+            cause += ", far more than the measured runout makes" if expected else ", and there is no runout to make it"
         why = f"{who}, with {share:.0%} of the power in such lines, the most at {at:.5g} Hz{cause}"
         return Finding("period-n", why, found.period, [line], share, True)
+    it = "a flip" if flips else "chatter locked to the spindle"
+    seen = f"{who} ({found.power:.2g} times the power of the tooth passing, the most at {at:.5g} Hz)"
+    if expected:
+        return _unknown(
+            f"{seen}: the measured runout makes chips differ by {expected:.0%}, which a tool near its limit amplifies until it "
+            f"looks like {it}; a cut at a speed some percent away would tell"
+        )
     return _unknown(
-        f"{who} ({found.power:.2g} times the power of the tooth passing, the most at {at:.5g} Hz): strong runout near a resonance "
-        f"and {'a flip' if flips else 'chatter locked to the spindle'} look the same here; a cut at a speed some percent away, or "
-        "the cutter's measured runout, would tell"
+        f"{seen}: strong runout near a resonance and {it} look the same here; a cut at a speed some percent away, or a cutter "
+        "measured to have no runout, would tell"
     )
