@@ -16,17 +16,14 @@ from typing import Any
 
 import numpy as np
 
-from millcal.data import ChatterPeak, Judgement, Level, Notice, Recording
+from millcal.data import Judgement, Level, Notice, Recording
 from millcal.errors import RecordingError
 from millcal.numerics import spectra
-from millcal.numerics.residual_lines import residual_spectra
-from millcal.numerics.spectra import Cycle
 from millcal.numerics.straighten import straightened
-from millcal.numerics.tones import Tone
 from millcal.stages.judge.alternation import Alternation, alternation, expected_chips
+from millcal.stages.judge.answer import answer
 from millcal.stages.judge.remains import Remains, course, falls_off, look
 from millcal.stages.judge.signal import (
-    Stretch,
     cutting_stretch,
     judged_rows,
     note_clipping,
@@ -35,19 +32,13 @@ from millcal.stages.judge.signal import (
 )
 from millcal.stages.judge.speed import FAR_FROM_STATED, refined_cycle
 from millcal.stages.judge.strobes import once_per_tooth
-from millcal.stages.judge.verdict import MUCH, WITH_COMPANY, WITH_MUCH, Finding, company, judged
+from millcal.stages.judge.verdict import HIGHEST, MUCH, WITH_COMPANY, WITH_MUCH, Finding, company, judged
 
 __all__ = ["judge_cut"]
 
 MOST_CHANNELS = 6
 HARMONICS = 6  # of the tooth passing, by which a wandering speed is followed
-MOST_PEAKS = 12
-SMALLEST_PEAK = 1e-3  # of the power
 TOLD = 0.005  # share of the power of a tone that is not the cut's, from which it is told
-MOST_SPEEDS = 10  # that a chatter frequency points to
-SLOWEST = 0.5  # of the cut's speed
-LINES = 4000  # of the spectrum that are kept
-FLASHES = 2000  # of the motion once per tooth that are kept
 SEEN_UP_TO = 0.45  # of the sample rate
 LOW = 1000.0  # Hz: tools vibrate above it as a rule
 PASSINGS = 5  # tooth passings that a spectrum should hold
@@ -66,6 +57,7 @@ def judge_cut(
     spindle_speed: float | None = None,
     steady: tuple[float, float] | None = None,
     modes: Sequence[float] = (),
+    no_runout: bool = False,
     progress: Callable[[float, str], None] | None = None,
 ) -> Judgement:
     """Judge one recorded cut.
@@ -75,6 +67,7 @@ def judge_cut(
     channel : name; None: chosen   teeth : None: the cutter's   spindle_speed : rad/s, to a few percent; None: the recording's
     steady : s after the first sample; else what the recording says, else found
     modes : natural frequencies of the tool, Hz, where known: what the sample rate cannot show is then known too
+    no_runout : the cutter is known to have none, so teeth that cut differently do so of themselves
     progress : called with (share, label)
 
     Raises RecordingError where teeth or speed are not known, where no channel tells, or where the cut holds no turns.
@@ -150,6 +143,7 @@ def judge_cut(
     plain = once_per_tooth(found.signal, found.rest, found.harmonics, cycle.cycle, drive, kept=np.arange(0))
     differs = alternation(found.harmonics, found.noise, drive)
     feed = None if recording.conditions is None else recording.conditions.feed_per_tooth
+    expected = 0.0 if no_runout else None if differs is None else expected_chips(recording.cutter, feed, differs.step)
     verdict = judged(
         found,
         teeth=drive,
@@ -162,7 +156,7 @@ def judge_cut(
         changes=plain.change,
         alternating=differs,
         alternating_grows=_alternating_grows(found.signal, cycle.cycle, drive, revolutions),
-        expected=None if differs is None else expected_chips(recording.cutter, feed, differs.step),
+        expected=expected,
         by_force=recording.channels[found.row].quantity == "force",
         swing=_swing(recording, found, differs, feed),
     )
@@ -185,7 +179,7 @@ def judge_cut(
             "the teeth are not evenly pitched: the motion is looked at once a turn, not once a tooth",
             "note",
         )
-    return _record(
+    return answer(
         recording, stretch, found, verdict, strobes, cycle, revolutions, teeth, drive, surveyed, tuple(notices)
     )
 
@@ -287,7 +281,7 @@ def _note_sample_rate(
                 f"no mode of the tool is near {f:.5g} Hz, but one is near {other:.5g} Hz, which this sample rate shows there: the "
                 "chatter frequency may be that; sample faster, or behind an anti-aliasing filter",
             )
-        elif not modes and not falls_off(found.spectra.power[0]):
+        elif not modes and rate - f < HIGHEST and not falls_off(found.spectra.power[0]):
             note(
                 "alias",
                 f"the noise does not fall off towards {rate / 2:g} Hz, so no anti-aliasing filter shows: {f:.5g} Hz may stand for "
@@ -303,90 +297,3 @@ def _other_alias(f: float, rate: float, modes: Sequence[float]) -> float | None:
     others = [rate - f, rate + f, 2 * rate - f]
     near = [other for other in others if min(abs(other / mode - 1) for mode in modes) < DOUBTFUL_MODE / 2]
     return near[0] if near else None
-
-
-def _record(
-    recording: Recording,
-    stretch: Stretch,
-    found: Remains,
-    verdict: Finding,
-    strobes: Any,
-    cycle: Cycle,
-    revolutions: float,
-    teeth: int,
-    drive: int,
-    surveyed: list[int],
-    notices: tuple[Notice, ...],
-) -> Judgement:
-    rate, channel = recording.sample_rate, recording.channels[found.row]
-    tones = verdict.tones
-    chatter = tones[0].frequency * rate if tones else None
-    rms = float(np.std(found.signal))
-    frequency, spectrum, remaining = _spectra(found, rate)
-    told = [tone for tone in found.tones if tone.sharp and tone.power >= SMALLEST_PEAK * found.power]
-    aliased = not falls_off(found.spectra.power[0])
-    speeds: tuple[float, ...] = ()
-    if chatter is not None and drive == teeth:
-        all_of_them = 2 * np.pi * chatter / (teeth * np.arange(1, MOST_SPEEDS + 1))
-        speeds = tuple(float(s) for s in all_of_them if s > SLOWEST * 2 * np.pi * cycle.cycle * rate)
-    i = np.unique(np.linspace(0, len(strobes.time) - 1, min(FLASHES, len(strobes.time))).round().astype(int))
-    if len(strobes.time) > FLASHES:  # neighbours belong together
-        i = np.arange(len(strobes.time) - FLASHES, len(strobes.time))
-    survey, own = stretch.survey, surveyed.index(found.row)
-    return Judgement(
-        name=recording.name,
-        channel=channel.name,
-        quantity=channel.quantity,  # type: ignore[arg-type]
-        unit=channel.unit,
-        teeth=teeth,
-        sample_rate=rate,
-        spindle_frequency=cycle.cycle * rate,
-        spindle_frequency_sd=cycle.sd * rate if np.isfinite(cycle.sd) else np.nan,
-        steady=(stretch.start / rate, stretch.stop / rate),
-        revolutions=int(revolutions),
-        verdict=verdict.verdict,  # type: ignore[arg-type]
-        why=verdict.why,
-        period=verdict.period,
-        metric=float(strobes.change[0]),
-        metric_relative=float(strobes.change[0]) / rms,
-        chatter_frequency=chatter,
-        chatter_frequency_sd=None if chatter is None else _sd(tones[0], verdict, cycle, rate),
-        chatter_share=verdict.share,
-        peaks=tuple(_peak(tone, found, rate, aliased) for tone in told[:MOST_PEAKS]),
-        stable_speeds=speeds,
-        frequency=frequency,
-        spectrum=spectrum,
-        remaining=remaining,
-        sample_time=(stretch.start + strobes.time[i]) / rate,
-        once_per_tooth=strobes.value[i],
-        overview_time=survey.time / rate,
-        overview_low=survey.low[own],
-        overview_high=survey.high[own],
-        conditions=recording.conditions,
-        notices=notices,
-    )
-
-
-def _sd(tone: Tone, verdict: Finding, cycle: Cycle, rate: float) -> float:
-    """Of the chatter frequency; where it is a harmonic of the spindle, that of the spindle.   Hz"""
-    if verdict.alternates:
-        return float(tone.frequency / cycle.cycle * cycle.sd * rate) if np.isfinite(cycle.sd) else float("nan")
-    return tone.deviation * rate
-
-
-def _peak(tone: Tone, found: Remains, rate: float, aliased: bool) -> ChatterPeak:
-    f = tone.frequency * rate
-    share = tone.power / max(float(np.mean(found.signal**2)), 1e-300)
-    return ChatterPeak(f, float(np.sqrt(2 * tone.power)), share, rate - f if aliased else None)
-
-
-def _spectra(found: Remains, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Amplitudes as recorded and as left, the highest of each few lines where there are many.   returns Hz and both"""
-    rest = found.spectra
-    read = spectra.reader_of(found.signal[np.newaxis])
-    nothing = np.zeros((1, 2), complex)
-    whole = residual_spectra(read, 0, rest.size, rest.stretches, 0.01, nothing)
-    step = max(1, -(-rest.power.shape[1] // LINES))
-    edges = np.arange(0, rest.power.shape[1], step)
-    amplitude = [np.sqrt(np.maximum.reduceat(s.power[0], edges) * 6 / rest.size) for s in (whole, rest)]
-    return rest.frequency[edges] * rate, amplitude[0], amplitude[1]
