@@ -50,7 +50,10 @@ def _spectrum(found: Judgement, panel: Any, entries: dict[str, Any]) -> None:
         (entries[name],) = panel.plot(f[kept], y[kept], **style)
     passing = found.teeth * found.spindle_frequency
     for k in range(1, int(high / passing) + 1):
-        entries["tooth passing"] = panel.axvline(k * passing, ymin=0.96, color=sheet.INK, linewidth=0.8)
+        panel.axvline(k * passing, ymin=0.96, color=sheet.INK, linewidth=0.8)
+    (entries["tooth passing"],) = panel.plot(
+        [], [], "|", color=sheet.INK, markersize=6, linestyle="none"
+    )  # a tick, no line
     marked = marked_lines(found)
     if marked:
         at, size = zip(*marked, strict=True)
