@@ -59,7 +59,6 @@ def width_of_cut(radial_depth: float, direction: str, diameter: float) -> None:
 def read_cutting(coefficients: Path | None, ktc: float | None, krc: float | None, setup: Path | None) -> tuple:
     """Cutter, conditions of the cuts, coefficients and notices; the setup goes before the file of coefficients."""
     from millcal.data import CoefficientHistory, Coefficients, Notice
-    from millcal.io.recipes import read_setup
     from millcal.io.results import read_result
     from millcal.units import from_shop
 
@@ -72,7 +71,7 @@ def read_cutting(coefficients: Path | None, ktc: float | None, krc: float | None
         if fit.verdict != "fits":
             notices.append(Notice("coefficients-doubtful", f"the coefficients: {fit.verdict}", str(coefficients)))
     if setup is not None:
-        said = read_setup(setup)
+        said = _read_setup(setup)
         cutter, cuts = said.cutter or cutter, cuts if said.conditions is None else (said.conditions,)
     return cutter, cuts, posterior, notices
 
@@ -82,7 +81,6 @@ def read_dynamics(frf: Path | None, modes: Path | None, setup: Path | None) -> t
     from millcal.data import Modes
     from millcal.errors import RecipeError
     from millcal.io.frf_files import read_frf
-    from millcal.io.recipes import read_setup
     from millcal.io.results import read_result
 
     lines = None if frf is None else read_frf(frf)
@@ -90,10 +88,24 @@ def read_dynamics(frf: Path | None, modes: Path | None, setup: Path | None) -> t
         return lines, read_result(modes, Modes)
     if lines is not None:
         return lines, None
-    found = read_setup(setup).modes
+    found = _read_setup(setup).modes
     if found is None:
         raise RecipeError(f"{setup}: no dynamics; add [[structure.modes]], or give --frf or --modes")
     return None, found
+
+
+def _read_setup(path: Path) -> Any:
+    """A setup; of conditions that are not whole a map needs less than a cut does, and options say it."""
+    from millcal.errors import RecipeError
+    from millcal.io.recipes import read_setup
+
+    try:
+        return read_setup(path)
+    except RecipeError as problem:
+        if ": conditions." not in str(problem) or "is missing" not in str(problem):
+            raise
+        way_out = "or leave [conditions] out and say --radial-depth-mm, --direction, --feed-per-tooth-mm and --rpm"
+        raise RecipeError(f"{problem}; {way_out}") from None
 
 
 def geometry(cutter: Any, teeth: int | None, diameter_mm: float | None, helix_deg: float | None, pitch_deg: str | None):

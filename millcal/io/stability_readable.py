@@ -76,13 +76,20 @@ def round_speeds(rpm: np.ndarray) -> list[int]:
 
 def _brief(found: StabilityMap, s: Mapping[str, Any]) -> list[str]:
     everywhere = "stable at any speed below" if found.method == "zoa" else "at these speeds stable below"
+    lowest = s["minimum"]["ap_mm"]
     lines = [
-        f"{s['method']}, {found.teeth} teeth, {found.direction}, radial depth {s['radial_depth_mm']:.4g} mm: "
-        f"{everywhere} {cell(s['minimum']['ap_mm'])} mm"
+        f"{s['method']}, {_count(found.teeth, 'tooth', 'teeth')}, {found.direction}, radial depth "
+        f"{s['radial_depth_mm']:.4g} mm: "
+        + ("at these speeds no limit was found" if lowest is None else f"{everywhere} {cell(lowest)} mm")
     ]
     if s["deepest_mm"] is not None:
         lines[0] += f", looked for down to {cell(s['deepest_mm'])} mm"
-    lines += _best_speeds(s["best"]) if s["best"] else ["no pocket between lobes in this range of speeds"]
+    if s["best"]:
+        lines += _best_speeds(s["best"])
+    elif lowest is None:
+        lines.append("no speed is better than another without a limit; look deeper (--deepest-mm) for the best speeds")
+    else:
+        lines.append("no pocket between lobes in this range of speeds")
     if s["operating_point"] is not None:
         lines += _operating(s["operating_point"], [s["limit"][i]["rpm"] for i in (0, -1)])
     if "tests" in s:
@@ -162,7 +169,7 @@ def _tests(s: Mapping[str, Any]) -> list[str]:
     if len(missed) > MOST_MISSED:
         lines.append(f"  and {len(missed) - MOST_MISSED} more")
     outside = len(s["cuts"]) - s["on_map"]
-    return lines + ([f"  {outside} lie outside the map"] if outside else [])
+    return lines + ([f"  {outside} {'lies' if outside == 1 else 'lie'} outside the map"] if outside else [])
 
 
 def _simulated(s: Mapping[str, Any]) -> list[str]:
@@ -173,7 +180,16 @@ def _simulated(s: Mapping[str, Any]) -> list[str]:
     more = s["period_n"] - sum(periods[n] for n in named)
     told += [f"{more} after more"] if more else []
     told += [f"{periods[None]} never: chatter"] if periods[None] else []
-    return [f"simulated cuts: {len(s['cuts'])}; {', '.join(told)}"]
+    where = []
+    for key, unit in (("rpm", "rpm"), ("ap_mm", "mm")):
+        values = {cut[key] for cut in s["cuts"]}
+        low, high = (f"{end:.0f}" if unit == "rpm" else f"{end:.3g}" for end in (min(values), max(values)))
+        where.append(f"{low} {unit}" if low == high else f"{low} to {high} {unit}")
+    return [f"simulated cuts: {len(s['cuts'])} at {', '.join(where)}; {', '.join(told)}"]
+
+
+def _count(number: int, one: str, many: str) -> str:
+    return f"{number} {one if number == 1 else many}"
 
 
 def _plural(per: str) -> str:
@@ -181,4 +197,6 @@ def _plural(per: str) -> str:
 
 
 def _times(ratio: float) -> str:
+    if f"{ratio:.2f}" == "1.00":
+        return "as deep"
     return f"{ratio:.3g} times as deep" if ratio >= 1 else f"{1 / ratio:.3g} times less deep"

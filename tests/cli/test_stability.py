@@ -201,6 +201,20 @@ def test_a_missing_axis_is_refused_until_it_is_called_rigid(run, tmp_path):
     assert "rigid-axis" in {note["code"] for note in json.loads(out)["notes"]}
 
 
+def test_conditions_that_lack_what_a_map_does_not_need_may_be_options_instead(run, tmp_path):
+    lacking = "".join(line + "\n" for line in (SETUP + STRUCTURE).splitlines() if not line.startswith("spindle_speed"))
+    (tmp_path / "lacking.toml").write_text(lacking)
+    code, _, err = run(*COEFFICIENTS, "--setup", "lacking.toml", "--rpm", "4000", "16000", "-o", "map.h5")
+    assert code == 3
+    assert "spindle_speed_rpm: is missing" in err
+    assert "or leave [conditions] out and say --radial-depth-mm, --direction" in err
+    before, after = lacking.split("[conditions]")
+    (tmp_path / "without.toml").write_text(before + after[after.index("[[") :])
+    options = ["--radial-depth-mm", "10", "--direction", "up", "--feed-per-tooth-mm", "0.1"]
+    code, _, _ = run(*COEFFICIENTS, "--setup", "without.toml", "--rpm", "4000", "16000", *options, "-o", "map.h5")
+    assert code == 0
+
+
 @pytest.mark.parametrize("span", [("1e6", "1e7"), ("6000", "6000.001")])
 def test_any_range_of_speeds_has_round_ones_to_show(run, span):
     code, out, err = run(*COEFFICIENTS, "--setup", "setup.toml", "--rpm", *span, "--points", "5", "-o", "map.h5")

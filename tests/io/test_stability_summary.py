@@ -76,9 +76,11 @@ def test_test_cuts_are_held_against_the_map(make_record):
 
 
 def test_simulated_cuts_are_counted_by_their_period(make_record):
-    assert "simulated cuts: 3; 1 repeat every tooth, 1 every 2 teeth, 1 never: chatter" in text_of(
-        make_record("stability_map")
+    said = text_of(make_record("stability_map"))
+    assert re.search(
+        r"simulated cuts: 3 at \d+ to \d+ rpm, [\d.]+( to [\d.]+)? mm; 1 repeat every tooth, 1 every 2 teeth", said
     )
+    assert "1 never: chatter" in said
 
 
 def test_a_cut_without_a_limit_says_so_in_words(make_record):
@@ -92,6 +94,22 @@ def test_a_margin_that_reaches_the_end_of_the_map_may_be_wider(make_record):
     point = OperatingPoint(700.0, 0.5e-3, 1e-3, True, "hopf", 810.0, speed_margin=(200.0, 100.0))  # the map is from 500
     said = text_of(replace(make_record("stability_map"), operating=point))
     assert "the speed may fall by 1910 or more rpm and rise by 955 rpm" in said
+
+
+def test_one_of_a_thing_is_said_as_one(make_record):
+    found = make_record("stability_map")
+    assert ", 1 tooth, " in text_of(zoa_map(teeth=1))
+    assert ", 2 teeth, " in text_of(zoa_map())
+    for rpm, says in (([700.0, 1e5], "1 lies outside"), ([1e5, 1e5], "2 lie outside")):
+        tests = replace(found.tests, spindle_speed=np.array(rpm))
+        assert f"  {says} the map" in text_of(replace(found, tests=tests))
+
+
+def test_where_no_limit_was_found_the_text_names_no_depth():
+    none = zoa_map((np.inf, np.inf), method="floquet", deepest=1e-3, absolute_minimum=np.inf, best=())
+    said = text_of(none)
+    assert said.splitlines()[0].endswith("at these speeds no limit was found, looked for down to 1.000 mm")
+    assert "look deeper (--deepest-mm)" in said
 
 
 def test_the_operating_point_says_what_to_do(make_record):

@@ -18,6 +18,7 @@ from millcal.units import to_shop
 
 SAFE = 0.9  # of the limit, where there is no band
 WORTH = 1.1  # times as much metal as now: less is not worth a change
+MANY_TIMES = 100  # as much: what is more is a cut of nothing, and no digit of it matters
 STEPS = 17  # speeds in the search for the end of a stable stretch
 
 
@@ -147,7 +148,7 @@ def _advice(
         rate = pocket.spindle_speed * run / (speed * depth)
         if rate > WORTH * max([1.0, *(gain for gain, _ in found)]):
             where = f"{_rpm(pocket.spindle_speed)} and {_mm(run)} mm ({_surely(spread)})"
-            found.append((rate, f"the best pocket is {where}: {rate:.3g} times the metal"))
+            found.append((rate, f"the best pocket is {where}: {_times(rate)} the metal"))
     return [what for _, what in sorted(found, key=lambda one: -one[0])]
 
 
@@ -179,6 +180,10 @@ def _depth(depth: float, unlimited: bool, spread: Spread | None) -> str:
     if unlimited and spread is None:
         return f"no limit was found down to {_mm(depth)} mm"
     return f"{_mm(depth)} mm are {_surely(spread)}"
+
+
+def _times(rate: float) -> str:
+    return f"{rate:.3g} times" if rate < MANY_TIMES else f"more than {MANY_TIMES} times"
 
 
 def _rpm(speed: float) -> str:

@@ -26,6 +26,8 @@ def pockets(
     depth_at : speeds (n,) -> first limit (n,), for `refine`: rounds, and speeds in each   depth : at the speeds, (speed,)
     deepest : where no limit is found it is at least that   returns (pocket,) rad/s
     """
+    if not np.isfinite(depth).any():  # nothing tells one speed from another
+        return np.empty(0)
     open_ended = np.isinf(depth) & np.isfinite(deepest)
     middle = _middles(speeds, open_ended)
     rate = np.where(np.isfinite(depth), depth * speeds, np.where(open_ended, deepest * middle, -np.inf))

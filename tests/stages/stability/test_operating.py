@@ -115,3 +115,13 @@ def test_a_point_outside_the_speeds_of_the_map_is_told():
     assert told(5000) == told(20_000) == []
     (message,) = told(30_000)
     assert "30000 rpm, lies outside the map, 5000 to 20000 rpm" in message
+
+
+def test_a_cut_of_almost_nothing_is_not_told_how_many_times_more_there_is():
+    assert any("more than 100 times the metal" in line for line in point(8000, 1e-6, method="zoa").advice)
+
+
+def test_without_a_limit_no_speed_is_the_best():
+    found = map_stability(ONE, (KTC, KRC), **CUT, method="floquet", points=20, deepest=0.2e-3)
+    assert np.isinf(found.limit_depth).all()
+    assert found.best == ()
