@@ -132,7 +132,7 @@ def test_with_two_teeth_a_flip_and_strong_runout_look_the_same_and_that_is_said(
 
 def test_a_measured_runout_tells_the_two_apart():
     alternating = cut(teeth=2, alternating=1.0)
-    small = replace(alternating, cutter=Cutter(diameter=12e-3, teeth=2, runout=3e-6))
+    small = replace(alternating, cutter=Cutter(diameter=12e-3, teeth=2, runout=0.3e-6))
     large = replace(alternating, cutter=Cutter(diameter=12e-3, teeth=2, runout=45e-6))
     assert judge_cut(small).verdict == "period-n"
     assert judge_cut(large).verdict == "stable"
@@ -304,3 +304,65 @@ def test_a_sample_that_is_no_number_is_told_with_its_time():
     broken[0, 12_800] = np.nan
     with pytest.raises(RecordingError, match="at 1 s"):
         judge_cut(replace(recording, samples=broken, steady=(0.5, 1.9)))
+
+
+def only_teeth(rate=RATE, seconds=2.0, spindle=SPINDLE, alone=(1.0, 0.6, 0.35, 0.2)):
+    """Harmonics of four teeth and nothing of the spindle."""
+    time = np.arange(round(seconds * rate)) / rate
+    y = sum(a * np.cos(2 * np.pi * 4 * spindle * k * time + k) for k, a in enumerate(alone, 1))
+    return y + 0.05 * np.random.default_rng(5).normal(size=len(time))
+
+
+@pytest.mark.parametrize("off", [0.97, 0.972, 0.98, 0.985, 1.015, 1.02, 1.03])
+def test_a_stable_cut_without_runout_is_stable_at_a_speed_stated_to_3_percent(off):
+    found = judge_cut(replace(cut(stated=off * SPINDLE), samples=only_teeth()[np.newaxis]))
+    assert found.verdict == "stable", found.why
+    assert found.spindle_frequency == pytest.approx(SPINDLE, rel=1e-4)
+
+
+@pytest.mark.parametrize("off", [0.9, 1.05, 1.18])
+def test_harmonics_of_a_speed_that_is_not_the_stated_one_are_no_chatter(off):
+    found = judge_cut(replace(cut(stated=off * SPINDLE), samples=only_teeth()[np.newaxis]))
+    assert found.verdict == "not known", found.why
+    assert f"{60 * SPINDLE:.5g} rpm" in found.why
+
+
+def test_a_measured_runout_that_a_resonance_may_amplify_claims_no_flip():
+    alternating = cut(teeth=2, alternating=1.0)
+    for runout in (2e-6, 3e-6, 8e-6):
+        found = judge_cut(replace(alternating, cutter=Cutter(diameter=12e-3, teeth=2, runout=runout)))
+        assert found.verdict == "not known", found.why
+        assert "amplifies" in found.why
+
+
+def test_without_runout_teeth_that_cut_differently_flip():
+    alternating = cut(teeth=2, alternating=1.0)
+    found = judge_cut(alternating, no_runout=True)
+    assert (found.verdict, found.period) == ("period-n", 2), found.why
+    assert "no runout" in found.why
+    assert judge_cut(cut(teeth=2, runout=0.0, alternating=0.05), no_runout=True).verdict == "stable"
+
+
+@pytest.mark.parametrize("teeth", [2, 3, 4])
+def test_noise_is_said_to_follow_nothing_whatever_the_teeth(teeth):
+    recording = cut(teeth=teeth)
+    for seed in range(4):
+        noise = np.random.default_rng(seed).normal(size=recording.samples.shape)
+        found = judge_cut(replace(recording, samples=noise))
+        assert found.verdict == "not known"
+        assert "nothing" in found.why
+
+
+def test_a_weak_line_in_company_is_not_passed_over():
+    found = judge_cut(cut(company(918.4, 0.07), noise=0.01))
+    assert found.verdict == "stable"
+    assert "watch it" in found.why
+    assert "all that stands out" not in found.why
+    assert "all that stands out" in judge_cut(cut()).why
+
+
+def test_no_tool_chatters_where_a_fast_recorder_folds():
+    fast = judge_cut(cut(company(918.4), rate=44_100.0, seconds=1.0))
+    assert fast.verdict == "chatter"
+    assert all(peak.alias_of is None for peak in fast.peaks)
+    assert "alias" not in codes(fast)
