@@ -1,7 +1,7 @@
 """Was that chatter: `millcal judge`."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import typer
 
@@ -82,28 +82,42 @@ def judge(
         raise typer.BadParameter("is of one cut; name one recording", param_hint="--figure")
     check_files([*recordings, setup, modes], [output, log, figure])
 
+    from millcal.data import Notice
+    from millcal.errors import RecordingError
     from millcal.io.judge_summary import cuts_log, judgement_text, judgements_text
     from millcal.io.provenance import provenance
     from millcal.io.results import replaced_atomically, write_result, write_results, write_text_atomically
     from millcal.io.summaries import summarise
     from millcal.stages.judge import judge_cut
-    from millcal.units import from_shop
 
     stated = {"map": pairs(maps, "--map"), "units": pairs(units, "--unit"), "rate_hz": rate_hz}
-    found, notices = [], []
+    found, deep, notices = [], [], []
     with progress_bar(quiet) as progress:
         known = _modes(modes, setup)
         for i, path in enumerate(recordings):
             progress(i / number, path.name)
-            recording = _recording(path, setup, speeds[i], depths[i], **stated)
-            notices += recording.notices
-            speed = None if speeds[i] is None else from_shop(speeds[i], "x_rpm")
+            cut = _cut(path, setup, speeds[i], depths[i], **stated)
+            notices += cut.recording.notices
+            if cut.recording.kind == "impact":
+                notices.append(Notice("impact-test", "is an impact test and no cut; it is left out", str(path)))
+                continue
+            deep.append(cut.depth)
             found.append(
-                judge_cut(recording, channel=channel, teeth=teeth, spindle_speed=speed, steady=steady, modes=known)
+                judge_cut(
+                    cut.recording,
+                    channel=channel,
+                    teeth=teeth,
+                    spindle_speed=cut.speed,
+                    steady=steady,
+                    modes=known,
+                    no_runout=cut.no_runout,
+                )
             )
             notices += found[-1].notices
+    if not found:
+        raise RecordingError(f"{recordings[0]}: is an impact test and no cut; give recordings of cuts")
     if log is not None:
-        _check_log(found)
+        _check_log(found, deep)
 
     origin = provenance([path for path in (*recordings, setup, modes) if path is not None], seed=seed)
     written: dict[str, str] = {}
@@ -113,7 +127,7 @@ def judge(
         else:
             write_results(output, found, provenance=origin)
     if log is not None:
-        write_text_atomically(log, cuts_log(found))
+        write_text_atomically(log, cuts_log(found, deep))
         written["log"] = str(log)
     if figure is not None:
         content = _drawn(found, figure.suffix[1:].lower(), origin)
@@ -121,7 +135,7 @@ def judge(
             temporary.write_bytes(content)
         written["figure"] = str(figure)
     told = summarise(found[0]) if number == 1 else {"cuts": [summarise(cut) for cut in found]}
-    text = judgement_text(found[0]) if number == 1 else judgements_text(found)
+    text = judgement_text(found[0]) if number == 1 else judgements_text(found, deep)
     reply(
         "judge",
         "\n".join([text, *(f"{what}: {path}" for what, path in written.items())]),
@@ -144,25 +158,43 @@ def _drawn(found: list[Any], format: str, origin: dict[str, Any]) -> bytes:
     return judgement_file(found[0], format)
 
 
-def _recording(path: Path, setup: Path | None, rpm: float | None, depth: float | None, **how: Any) -> Any:
-    """A cut from its file, with what setup and command line say of its conditions."""
+class _Cut(NamedTuple):
+    """A recording and what is known of its cut."""
+
+    recording: Any
+    speed: float | None  # rad/s
+    depth: float | None  # m
+    no_runout: bool  # stated
+
+
+def _cut(path: Path, setup: Path | None, rpm: float | None, depth_mm: float | None, **how: Any) -> _Cut:
+    """A cut from its file, with what setup and command line say of it; neither depth nor feed is needed."""
     from dataclasses import replace
 
-    from millcal.errors import RecordingError
     from millcal.io.recipes import Setup, read_setup
     from millcal.io.recordings import read_recording
     from millcal.units import from_shop
 
-    stated = read_setup(setup, spindle_speed_rpm=rpm) if setup else Setup()
+    stated = read_setup(setup, spindle_speed_rpm=rpm, partial=True) if setup else Setup()
     recording = read_recording(path, setup=stated, **how)
-    if recording.kind == "impact":
-        raise RecordingError(f"{path}: is an impact test and no cut; give recordings of cuts")
     conditions = recording.conditions
-    if conditions is not None and rpm is not None:
-        conditions = replace(conditions, spindle_speed=from_shop(rpm, "x_rpm"))
-    if conditions is not None and depth is not None:
-        conditions = replace(conditions, axial_depth=from_shop(depth, "x_mm"))
-    return replace(recording, conditions=conditions)
+    speed = None if rpm is None else from_shop(rpm, "x_rpm")
+    depth = None if depth_mm is None else from_shop(depth_mm, "x_mm")
+    if conditions is not None:
+        conditions = replace(
+            conditions, spindle_speed=speed or conditions.spindle_speed, axial_depth=depth or conditions.axial_depth
+        )
+        speed, depth = conditions.spindle_speed, conditions.axial_depth
+    document = stated.document
+    return _Cut(
+        replace(recording, conditions=conditions),
+        speed or stated.spindle_speed,
+        depth or stated.axial_depth,
+        document is not None
+        and ("cutter", "runout_um") in document.places
+        and stated.cutter == recording.cutter
+        and stated.cutter.runout == 0,
+    )
 
 
 def _modes(modes: Path | None, setup: Path | None) -> tuple[float, ...]:
@@ -173,17 +205,17 @@ def _modes(modes: Path | None, setup: Path | None) -> tuple[float, ...]:
 
     found = read_result(modes, Modes) if modes is not None else None
     if found is None and setup is not None:
-        found = read_setup(setup).modes
+        found = read_setup(setup, partial=True).modes
     return () if found is None else tuple(float(f) for f in found.natural_frequency)
 
 
-def _check_log(found: list[Any]) -> None:
+def _check_log(found: list[Any], depths: list[float | None]) -> None:
     """A log needs the depth of every cut."""
     from millcal.errors import RecipeError
 
-    for cut in found:
-        if cut.conditions is None or not cut.conditions.axial_depth > 0:
+    for cut, depth in zip(found, depths, strict=True):
+        if depth is None or not depth > 0:
             raise RecipeError(
-                f"{cut.name}: no axial depth is known, which a cuts log needs; give --setup SETUP.toml with [cutter] and "
-                "[conditions]"
+                f"{cut.name}: no axial depth is known, which a cuts log needs; give --axial-depth-mm, or --setup SETUP.toml "
+                "with axial_depth_mm in [conditions]"
             )

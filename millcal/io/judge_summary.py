@@ -54,17 +54,21 @@ def summarise_judgement(found: Judgement) -> dict[str, Any]:
     }
 
 
-def cuts_log(found: Sequence[Judgement]) -> str:
-    """The cuts as a log that `millcal stability --tests` and `millcal update --cuts` read; not known is blank."""
+def cuts_log(found: Sequence[Judgement], depths: Sequence[float | None]) -> str:
+    """The cuts as a log that `millcal stability --tests` and `millcal update --cuts` read; not known is blank.
+
+    depths : m, axial, of each cut
+    """
     text = StringIO()
     rows = csv.writer(text)
     rows.writerow([*LOG, "recording"])
-    for cut in found:
+    for cut, depth in zip(found, depths, strict=True):
         told = summarise_judgement(cut)
         keys = told["conditions"]
         values = {
             "rpm": told["spindle_speed_rpm"],
-            **{key: keys.get(key) for key in LOG[1:5]},
+            "axial_depth_mm": None if depth is None else to_shop(depth, "_mm"),
+            **{key: keys.get(key) for key in LOG[2:5]},
             "stable": STABLE[cut.verdict],
             "M_um": told["M_um"],
             "chatter_hz": told["chatter_hz"],
@@ -112,14 +116,14 @@ def judgement_text(found: Judgement) -> str:
     return "\n".join(lines)
 
 
-def judgements_text(found: Sequence[Judgement]) -> str:
-    """Several cuts, a line each."""
+def judgements_text(found: Sequence[Judgement], depths: Sequence[float | None]) -> str:
+    """Several cuts, a line each.   depths : m, axial, of each cut"""
     rows = []
-    for cut in found:
+    for cut, depth in zip(found, depths, strict=True):
         s = summarise_judgement(cut)
-        depth = None if cut.conditions is None else to_shop(cut.conditions.axial_depth, "_mm")
+        deep = None if depth is None else to_shop(depth, "_mm")
         rows.append(
-            (cut.name, f"{s['spindle_speed_rpm']:.0f}", depth, cut.verdict, cut.period, s["M_um"], s["chatter_hz"])
+            (cut.name, f"{s['spindle_speed_rpm']:.0f}", deep, cut.verdict, cut.period, s["M_um"], s["chatter_hz"])
         )
     header = ("recording", "rpm", "depth mm", "verdict", "period", "M um", "chatter Hz")
     unknown = [f"{cut.name}: {cut.why}" for cut in found if cut.verdict == "not known"]

@@ -172,6 +172,12 @@ class ConditionsTable(Table):
         """Whether any key of the conditions is given at all."""
         return any(getattr(self, key) is not None for key in type(self).model_fields if key in _CONDITION_KEYS)
 
+    def are_whole(self) -> bool:
+        """Whether all is given that conditions need, right or wrong."""
+        fed = self.feed_per_tooth_mm is not None or self.feed_mm_per_min is not None
+        wide = self.radial_depth_mm is not None or self.direction == "slot"
+        return fed and wide and all(getattr(self, key) is not None for key in self._CONDITIONS)
+
     def conditions(self, cutter: Cutter) -> CuttingConditions:
         """The conditions in SI; `trouble` must have found nothing."""
         v = self.arguments()

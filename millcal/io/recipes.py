@@ -51,6 +51,8 @@ class Setup:
     kind: str | None = None  # cut, impact, air
     cutter: Cutter | None = None
     conditions: CuttingConditions | None = None
+    spindle_speed: float | None = None  # rad/s, as stated, whether or not there are conditions
+    axial_depth: float | None = None  # m, the same
     steady: tuple[float, float] | None = None  # s
     air: tuple[tuple[float, float], ...] | None = None  # s
     engagement: ToolPath | None = None
@@ -197,10 +199,17 @@ def read_recipe(path: Path) -> Recipe:
     )
 
 
-def read_setup(path: Path, *, feed_per_tooth_mm: float | None = None, spindle_speed_rpm: float | None = None) -> Setup:
+def read_setup(
+    path: Path,
+    *,
+    feed_per_tooth_mm: float | None = None,
+    spindle_speed_rpm: float | None = None,
+    partial: bool = False,
+) -> Setup:
     """Read and check a SETUP.toml.
 
     feed_per_tooth_mm : of this recording, in place of what the setup says   spindle_speed_rpm : where the setup says none
+    partial : conditions need not be whole; where they are not there are none, and speed and depth stand by themselves
     """
     document = read_toml(path)
     tables = validated(SetupTables, document)
@@ -215,7 +224,8 @@ def read_setup(path: Path, *, feed_per_tooth_mm: float | None = None, spindle_sp
     if keys.engagement is not None:
         engagement = read_engagement(_path(document, ("conditions", "engagement"), keys.engagement))
         keys = completed(keys, engagement, cutter)
-    conditions = _conditions(document, ("conditions",), keys, cutter)
+    whole = not partial or keys.are_whole()
+    conditions = _conditions(document, ("conditions",), keys, cutter) if whole else None
     given = keys.arguments()
     return _setup(
         tables,
@@ -223,6 +233,8 @@ def read_setup(path: Path, *, feed_per_tooth_mm: float | None = None, spindle_sp
         cutter=cutter,
         kind=tables.kind,
         conditions=conditions,
+        spindle_speed=given["spindle_speed"],
+        axial_depth=given["axial_depth"],
         steady=given["steady"],
         air=given["air"],
         engagement=engagement,

@@ -110,7 +110,7 @@ def test_a_page_holds_all_cuts_with_their_verdicts(run, tmp_path):
     assert page.count("<h2>Was that chatter: ") == 2
     assert "bad: chatter at 871" in page
     assert "good: stable" in page
-    assert "src=\"http" not in page
+    assert 'src="http' not in page
 
 
 def test_teeth_and_speed_on_the_command_line_do_for_a_file_that_says_nothing(run):
@@ -151,3 +151,74 @@ def test_what_cannot_be_done_is_said_in_one_line(run, words, code, said):
     assert out == ""
     assert said in err
     assert len(err.strip().splitlines()) == 1
+
+
+def test_depth_and_speed_on_the_command_line_do_for_the_log(run, tmp_path):
+    code, _, err = run("mute.h5", "--teeth", 3, "--rpm", 5700, "--axial-depth-mm", 2.5, "--log", "cuts.csv")
+    assert (code, err) == (0, "")
+    (cut,) = read_cuts_log(tmp_path / "cuts.csv")
+    assert (cut.axial_depth, cut.stable, cut.radial_depth) == (pytest.approx(2.5e-3), False, None)
+
+
+def test_a_setup_need_say_nothing_that_a_verdict_does_not_rest_on(run, tmp_path):
+    setup = tmp_path / "setup.toml"
+    setup.write_text("[cutter]\ndiameter_mm = 12\nteeth = 3\n")
+    code, out, _ = run("mute.h5", "--setup", setup, "--rpm", 5700, "--json")
+    assert code == 0
+    assert json.loads(out)["result"]["verdict"] == "chatter"
+    setup.write_text(
+        "[cutter]\ndiameter_mm = 12\nteeth = 3\n[conditions]\nspindle_speed_rpm = 5700\naxial_depth_mm = 2\n"
+    )
+    assert run("mute.h5", "--setup", setup, "--log", "cuts.csv")[0] == 0
+    assert read_cuts_log(tmp_path / "cuts.csv")[0].axial_depth == pytest.approx(2e-3)
+    setup.write_text("[cutter]\ndiameter_mm = 12\nteeth = 3\n")
+    code, _, err = run("mute.h5", "--setup", setup)
+    assert code == 3
+    assert "--rpm" in err
+
+
+def test_an_impact_test_among_the_cuts_is_left_out_with_a_word(run, tmp_path):
+    time = np.arange(4000) / RATE
+    hit = np.exp(-(((time - 0.1) / 2e-4) ** 2))
+    ring = np.where(time > 0.1, np.exp(-40 * (time - 0.1)) * np.sin(2 * np.pi * 900 * (time - 0.1)), 0.0)
+    write_recording(
+        tmp_path / "hit.h5",
+        Recording(
+            samples=np.array([hit, 1e-6 * ring]),
+            sample_rate=RATE,
+            channels=(Channel("hammer", "force", "N", "tipX"), Channel("tip", "displacement", "m", "tipX")),
+            kind="impact",
+        ),
+    )
+    code, out, err = run(
+        "good.h5",
+        "hit.h5",
+        "bad.h5",
+        "--axial-depth-mm",
+        1,
+        "--axial-depth-mm",
+        2,
+        "--axial-depth-mm",
+        3,
+        "--log",
+        "cuts.csv",
+    )
+    assert code == 0
+    assert "[impact-test]" in err
+    assert "hit" not in out
+    assert [cut.axial_depth for cut in read_cuts_log(tmp_path / "cuts.csv")] == pytest.approx([1e-3, 3e-3])
+    code, _, err = run("hit.h5")
+    assert code == 3
+    assert "impact test" in err
+
+
+@pytest.mark.parametrize(("key", "verdict"), [("runout_um = 0", "period-n"), ("", "not known")])
+def test_a_runout_stated_as_none_is_not_a_runout_unsaid(run, tmp_path, key, verdict):
+    rng, time = np.random.default_rng(2), np.arange(12_000) / RATE
+    y = sum(np.cos(2 * np.pi * k * SPINDLE * time + k) / (1 + k / 2) for k in range(1, 20))
+    samples = 1e-6 * (y + 0.01 * rng.normal(size=len(time)))
+    channels = (Channel("tip", "displacement", "m", "Z"),)
+    write_recording(tmp_path / "two.h5", Recording(samples=samples[np.newaxis], sample_rate=RATE, channels=channels))
+    (tmp_path / "setup.toml").write_text(f"[cutter]\ndiameter_mm = 12\nteeth = 2\n{key}\n")
+    code, out, _ = run("two.h5", "--setup", "setup.toml", "--rpm", 60 * SPINDLE, "--json")
+    assert (code, json.loads(out)["result"]["verdict"]) == (0, verdict)
