@@ -664,6 +664,8 @@ class BestSpeed:
         None  # N m, mean over a revolution at the safe depth, else at the limit; None without K_te or feed
     )
     power: float | None = None  # W, of that
+    # rad/s: how far the speed may be off, either way, before nine tenths of that depth are more than may be run
+    speed_margin: float | None = None
 
 
 @dataclass(frozen=True)

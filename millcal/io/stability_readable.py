@@ -119,7 +119,9 @@ def _best_speeds(best: Sequence[Mapping[str, Any]]) -> list[str]:
     """What to cut at each speed and what that removes; with a band the safe depth, else the limit itself."""
     safe = not all(b["safe_ap_mm"] is None for b in best)
     powered = not all(b["power_W"] is None for b in best)
-    header = ["rpm", *(["safe mm", "cm3/min", "limit mm", "p stable at limit"] if safe else ["limit mm", "cm3/min"])]
+    spread = [] if all(b["speed_margin_rpm"] is None for b in best) else ["+- rpm"]
+    header = ["rpm", *spread]
+    header += ["safe mm", "cm3/min", "limit mm", "p stable at limit"] if safe else ["limit mm", "cm3/min"]
     rows = []
     for b in best:
         removal = b["mrr_cm3_per_min"]
@@ -128,12 +130,15 @@ def _best_speeds(best: Sequence[Mapping[str, Any]]) -> list[str]:
             row = [b["safe_ap_mm"], at_safe, b["ap_mm"], b["p_stable"]]
         else:
             row = [b["ap_mm"], removal]
-        rows.append((round(b["rpm"]), *row, *([b["torque_Nm"], b["power_W"]] if powered else [])))
+        margin = [None if b["speed_margin_rpm"] is None else round(b["speed_margin_rpm"])] if spread else []
+        rows.append((round(b["rpm"]), *margin, *row, *([b["torque_Nm"], b["power_W"]] if powered else [])))
     if safe:
         what = "cm3/min, N m and W" if powered else "cm3/min"
         head = f"best speeds, the most material first (safe: stable with 97.5 %; {what} at the safe depth):"
     else:
         head = "best speeds, the most material first, at the limit:"
+    if spread:
+        head = head[:-1] + "; +- rpm: so far off nine tenths of that depth still hold:"
     return [head, table((*header, *(["N m", "W"] if powered else [])), rows)]
 
 

@@ -152,6 +152,7 @@ def _best(best: BestSpeed) -> dict[str, Any]:
         "safe_ap_mm": shop(best.safe_depth, "ap_mm"),
         "torque_Nm": known(best.torque),
         "power_W": known(best.power),
+        "speed_margin_rpm": None if best.speed_margin is None else known(to_shop(best.speed_margin, "x_rpm")),
     }
 
 

@@ -134,6 +134,15 @@ def test_the_best_speeds_as_text_are_those_of_the_safe_depth_or_of_the_limit_whe
     assert [float(cell) for cell in row.split()] == pytest.approx([6000, 4.0, 600.0])
 
 
+def test_how_far_a_best_speed_may_be_off_stands_beside_it_where_it_is_known(make_record):
+    best = BestSpeed(200 * np.pi, 4e-3, 1e-5, 0.5, 3e-3, speed_margin=120 * RPM)
+    found = replace(make_record("stability_map"), best=(best,))
+    assert summarise(found)["best"][0]["speed_margin_rpm"] == pytest.approx(120)
+    header, row = _table_after(text_of(found), "best speeds")
+    assert re.split(" {2,}", header.strip())[:3] == ["rpm", "+- rpm", "safe mm"]
+    assert [float(cell) for cell in row.split()[:3]] == pytest.approx([6000, 120, 3.0])
+
+
 def test_torque_and_power_stand_beside_the_best_speeds_where_they_are_known(make_record):
     best = BestSpeed(200 * np.pi, 4e-3, 1e-5, 0.5, 3e-3, torque=1.5, power=300 * np.pi)
     found = replace(make_record("stability_map"), best=(best,))

@@ -20,7 +20,7 @@ from millcal.stages.stability.cuts import held_against, simulated_over
 from millcal.stages.stability.method import Asked, Method, Sampling, Solve
 from millcal.stages.stability.methods import DEEPER, METHODS, OVER_MINIMUM
 from millcal.stages.stability.operating import SAFE, Columns, judged
-from millcal.stages.stability.pockets import best_speeds, pockets, refined
+from millcal.stages.stability.pockets import best_speeds, pockets, refined, safest
 from millcal.stages.stability.possible import refuse_impossible
 from millcal.stages.stability.spread import Spread, band_speeds, spread_of
 from millcal.units import to_shop
@@ -163,13 +163,23 @@ def map_stability(
     runnable = np.minimum(SAFE * limits[:points] if band is None else band[0, :points], picture)
 
     width = None if feed_per_tooth is None else radial_depth * feed_per_tooth * teeth / (2 * np.pi)
+    order = np.argsort(everywhere, kind="stable")
+    order = order[(everywhere[order] >= low) & (everywhere[order] <= high)]
+    ascending, below = everywhere[order], limits[order] if band is None else np.minimum(band[0], limits)[order]
+    tops_depth = beside_table[: len(tops), 0]
+    if band is not None and len(tops):
+        tops = safest(tops, ascending, limits[order], below, chosen.deepest)
+        moved, _, told = _beside(chosen, chosen.solve, cut, tops)
+        notices += told
+        tops_depth = edge_table(moved, len(tops))[:, 0]
     best = best_speeds(
         tops,
-        np.minimum(beside_table[: len(tops), 0], chosen.deepest),
-        None if band is None else band[:, points : points + len(tops)],
+        np.minimum(tops_depth, chosen.deepest),
+        None if band is None or spread is None else band[:, order][:, np.searchsorted(ascending, tops)],
         spread,
         width=width,
         torque=_torque_per_depth(tangential_law(posterior, edge), cutter, conditions),
+        column=(ascending, below),
     )
     operating = None
     if operating_point is not None:

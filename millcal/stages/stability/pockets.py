@@ -2,6 +2,7 @@
 
 Only depths below the first limit count: a stable island above one is reached through chatter. Where a method looked as far
 as it looks and found no limit, the pocket is that deep at least, and its middle is the speed that is farthest from both walls.
+Where a band is known the best speed of a pocket is that of the deepest safe cut, which is not that of the highest limit.
 """
 
 from collections.abc import Callable
@@ -12,6 +13,7 @@ from millcal.data import BestSpeed
 from millcal.stages.stability.spread import Spread
 
 POCKETS = 5  # best speeds told
+OFF = 0.9  # of the depth of a best speed: what a speed that is a little off should still hold
 
 
 def pockets(
@@ -76,6 +78,55 @@ def refined(
     return best
 
 
+def safest(tops: np.ndarray, speeds: np.ndarray, depth: np.ndarray, safe: np.ndarray, deepest: float) -> np.ndarray:
+    """The speed of each pocket at which what is safe removes the most: the top of the limit often stands on a wall.
+
+    tops : (pocket,) rad/s, among the speeds   speeds : ascending, (speed,) rad/s   depth, safe : first limit, and the lower end
+    of its band, (speed,) m   returns (pocket,) rad/s, or fewer where two pockets meet in one
+    """
+    depth, safe = np.minimum(depth, deepest), np.minimum(safe, deepest)
+    rate = depth * speeds
+    falls = np.stack([depth[:-1] - depth[1:], rate[:-1] - rate[1:]])  # to the next speed
+    downwards, upwards = ((turn * falls >= 0).any(axis=0) for turn in (-1, 1))
+    found = []
+    for top in tops:
+        at = int(np.argmin(np.abs(speeds - top)))
+        up, down = np.flatnonzero(~upwards[at:]), np.flatnonzero(~downwards[:at])
+        pocket = np.arange(down[-1] + 1 if len(down) else 0, (at + up[0] if len(up) else len(speeds) - 1) + 1)
+        capped = np.isfinite(deepest) & (safe[pocket] >= deepest)
+        value = np.where(np.isfinite(depth[pocket]), np.minimum(safe, depth)[pocket], 0.0) * speeds[pocket]
+        best = speeds[pocket[np.argmax(value)]]
+        if capped.any():
+            ends = np.flatnonzero(np.diff(np.concatenate([[False], capped, [False]]).astype(int))).reshape(-1, 2)
+            start, stop = max(
+                ends.tolist(), key=lambda stretch: speeds[pocket[stretch[1] - 1]] - speeds[pocket[stretch[0]]]
+            )
+            middle = (speeds[pocket[start]] + speeds[pocket[stop - 1]]) / 2
+            best = speeds[pocket[start:stop]][np.argmin(np.abs(speeds[pocket[start:stop]] - middle))]
+        found.append(float(best))
+    return np.array(list(dict.fromkeys(found)))
+
+
+def tolerance(speed: float, depth: float, speeds: np.ndarray, runnable: np.ndarray) -> float:
+    """How far a speed may be off, either way, while the depth stays within what may be run; to the end of the map at most.
+
+    speeds : ascending, (speed,) rad/s   runnable : (speed,) m, between the speeds taken by 1/b   returns rad/s
+    """
+    inverse = np.where(runnable > 0, 1 / np.where(runnable > 0, runnable, 1.0), np.inf)
+    ends = []
+    for turn, beyond in ((-1, np.flatnonzero(speeds < speed)[::-1]), (1, np.flatnonzero(speeds > speed))):
+        bad = np.flatnonzero(inverse[beyond] > 1 / depth)
+        if not len(bad):
+            ends.append(abs(float(speeds[beyond[-1]]) - speed) if len(beyond) else 0.0)
+            continue
+        wrong = beyond[bad[0]]
+        good = wrong - turn
+        share = (1 / depth - inverse[good]) / (inverse[wrong] - inverse[good])
+        end = speeds[good] + (speeds[wrong] - speeds[good]) * np.clip(np.nan_to_num(share), 0.0, 1.0)
+        ends.append(max(turn * (float(end) - speed), 0.0))
+    return min(ends)
+
+
 def best_speeds(
     speeds: np.ndarray,
     depth: np.ndarray,
@@ -84,11 +135,12 @@ def best_speeds(
     *,
     width: float | None,
     torque: float | None,
+    column: tuple[np.ndarray, np.ndarray],
 ) -> tuple[BestSpeed, ...]:
     """The pockets as the record has them, best first.
 
     speeds, depth : (pocket,) rad/s, m   band : (2, pocket) m   width : radial depth times feed per radian, m^2, None: no feed
-    torque : N m per m of depth, None where it is not known
+    torque : N m per m of depth, None where it is not known   column : speeds ascending and what may be run at each, rad/s, m
     """
     best = []
     for i, (speed, limit) in enumerate(zip(speeds.tolist(), depth.tolist(), strict=True)):
@@ -103,6 +155,7 @@ def best_speeds(
                 safe_depth=safe,
                 torque=None if torque is None else torque * run,
                 power=None if torque is None else torque * run * speed,
+                speed_margin=tolerance(speed, OFF * run, *column) if run > 0 else None,
             )
         )
     best.sort(key=lambda b: -b.spindle_speed * (b.axial_depth if b.safe_depth is None else b.safe_depth))

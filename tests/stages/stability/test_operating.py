@@ -125,3 +125,30 @@ def test_without_a_limit_no_speed_is_the_best():
     found = map_stability(ONE, (KTC, KRC), **CUT, method="floquet", points=20, deepest=0.2e-3)
     assert np.isinf(found.limit_depth).all()
     assert found.best == ()
+
+
+@pytest.mark.parametrize(("method", "deepest"), [("zoa", None), ("floquet", 6e-3)])
+def test_no_speed_of_its_pocket_removes_more_with_safety_than_the_best_one(method, deepest):
+    """Where the safe depth is as deep as was looked, the middle is better than the rim; the rest is what is compared."""
+    asked = {**CUT, "method": method, "points": 151, "deepest": deepest}
+    found = map_stability(ONE, coefficients(0.1), **asked, rng=np.random.default_rng(0))
+    safe = np.minimum(found.limit_low, found.limit_depth)
+    most = np.argmax(np.where(safe < (deepest or np.inf), safe, 0.0) * found.spindle_speed)
+    ranked = [best.safe_depth * best.spindle_speed for best in found.best]
+    assert ranked == sorted(ranked, reverse=True)
+    assert ranked[0] >= 0.999 * safe[most] * found.spindle_speed[most]
+    assert all(best.safe_depth <= best.axial_depth for best in found.best)
+
+
+@pytest.mark.parametrize("known", [(KTC, KRC), coefficients(0.1)], ids=["exact", "uncertain"])
+def test_a_speed_off_by_its_margin_still_holds_nine_tenths_of_the_depth_and_by_more_it_does_not(known):
+    found = map_stability(ONE, known, **CUT, method="floquet", points=301, deepest=6e-3, rng=np.random.default_rng(0))
+    runnable = found.limit_depth if found.limit_low is None else np.minimum(found.limit_low, found.limit_depth)
+    for best in found.best:
+        depth = 0.9 * (best.axial_depth if best.safe_depth is None else best.safe_depth)
+        off = np.abs(found.spindle_speed - best.spindle_speed)
+        assert (runnable[off < best.speed_margin] >= depth * (1 - 1e-9)).all()
+        step = found.spindle_speed[1] - found.spindle_speed[0]
+        ends = np.abs(found.spindle_speed[[0, -1]] - best.spindle_speed)
+        if best.speed_margin < ends.min() - step:
+            assert runnable[off < best.speed_margin + 2 * step].min() < depth
