@@ -115,16 +115,18 @@ def tolerance(speed: float, depth: float, speeds: np.ndarray, runnable: np.ndarr
     inverse = np.where(runnable > 0, 1 / np.where(runnable > 0, runnable, 1.0), np.inf)
     ends = []
     for turn, beyond in ((-1, np.flatnonzero(speeds < speed)[::-1]), (1, np.flatnonzero(speeds > speed))):
+        if not len(beyond):  # at the end of the map nothing is known of that way
+            continue
         bad = np.flatnonzero(inverse[beyond] > 1 / depth)
         if not len(bad):
-            ends.append(abs(float(speeds[beyond[-1]]) - speed) if len(beyond) else 0.0)
+            ends.append(abs(float(speeds[beyond[-1]]) - speed))
             continue
         wrong = beyond[bad[0]]
         good = wrong - turn
         share = (1 / depth - inverse[good]) / (inverse[wrong] - inverse[good])
         end = speeds[good] + (speeds[wrong] - speeds[good]) * np.clip(np.nan_to_num(share), 0.0, 1.0)
         ends.append(max(turn * (float(end) - speed), 0.0))
-    return min(ends)
+    return min(ends, default=0.0)
 
 
 def best_speeds(

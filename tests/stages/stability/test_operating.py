@@ -9,7 +9,7 @@ import pytest
 from millcal.physics.stability import floquet
 from millcal.physics.stability.regeneration import tip_of_modes
 from millcal.stages.stability import map_stability
-from millcal.stages.stability.pockets import pockets
+from millcal.stages.stability.pockets import pockets, tolerance
 from tests.stages.stability.test_methods import CUT, KRC, KTC, MODES_OF_ONE, ONE, PROBLEM, RPM, coefficients
 
 
@@ -152,3 +152,11 @@ def test_a_speed_off_by_its_margin_still_holds_nine_tenths_of_the_depth_and_by_m
         ends = np.abs(found.spindle_speed[[0, -1]] - best.spindle_speed)
         if best.speed_margin < ends.min() - step:
             assert runnable[off < best.speed_margin + 2 * step].min() < depth
+
+
+def test_at_the_end_of_the_map_a_margin_is_that_of_the_other_way():
+    speeds, runnable = np.array([100.0, 110.0, 120.0, 130.0]), np.array([1.0, 2.0, 4.0, 4.0]) * 1e-3
+    assert tolerance(130.0, 4e-3, speeds, runnable) == pytest.approx(10.0)
+    assert tolerance(130.0, 2e-3, speeds, runnable) == pytest.approx(20.0)
+    assert tolerance(120.0, 3e-3, speeds, runnable) == pytest.approx(10 / 3)  # by 1/b: 1/3 of the way from 1/4 to 1/2
+    assert tolerance(120.0, 0.5e-3, speeds, runnable) == pytest.approx(10.0)  # the map ends before the depth does
