@@ -48,7 +48,10 @@ def _facts(cut: Judgement) -> list[tuple[str, str]]:
     _, unit, factor = judge_figure.SYMBOLS[cut.quantity]
     known = [
         ("channel", f"{cut.channel}, {cut.quantity.replace('_', ' ')}"),
-        ("spindle speed", f"{60 * cut.spindle_frequency:.6g} rpm, {cut.teeth} {'tooth' if cut.teeth == 1 else 'teeth'}"),
+        (
+            "spindle speed",
+            f"{60 * cut.spindle_frequency:.6g} rpm, {cut.teeth} {'tooth' if cut.teeth == 1 else 'teeth'}",
+        ),
         ("judged", f"{cut.revolutions} turns from {cut.steady[0]:.4g} to {cut.steady[1]:.4g} s"),
     ]
     if cut.metric is not None:
