@@ -188,7 +188,8 @@ def map_stability(
         notices += _outside(operating_point[0], speeds)
         operating = _operating(chosen, cut, operating_point, own, columns, best, spread, cutter)
     first = solution.edges.first(points)
-    minimum = _minimum(chosen, cut, everywhere, limits)
+    on_map = (everywhere >= speeds[0]) & (everywhere <= speeds[-1])  # the operating point may lie beside it
+    minimum = _minimum(chosen, cut, everywhere[on_map], limits[on_map])
     probabilities = _probabilities(spread, speeds, probability, picture)
     if probability and probabilities is None:
         what = "nothing is known to be uncertain, so there is no probability to map"
