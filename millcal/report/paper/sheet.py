@@ -15,6 +15,7 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 from matplotlib.patheffects import withStroke
 from matplotlib.text import Text
 
@@ -23,6 +24,8 @@ from millcal.report.digits import log_tick_labels, log_ticks, nice_ticks, tick_l
 SINGLE, DOUBLE = 85.0, 175.0  # mm, one and two columns of a journal
 FORMATS = ("pdf", "png", "svg")
 MM = 1 / 25.4  # inches
+VECTOR = 72  # dots per inch in vector files
+ROWS = 3  # of a legend, for which the height of a figure is meant
 
 INK, MUTED, GRID = "#1a1f26", "#58616d", "#e9ecf0"
 MAIN, MODEL = "#0b5cad", "#c2410c"
@@ -190,9 +193,32 @@ def letter(number: int) -> str:
 
 
 def legend(figure: Figure, entries: Sequence[tuple[Artist | tuple[Artist, ...], str]], columns: int) -> None:
-    """What each line and mark is, above all panels, where it can cover nothing."""
+    """What each line and mark is, above all panels, where it can cover nothing, in so many columns as the figure has room for.
+
+    Rows beyond ROWS make the figure higher, so that the panels keep their size.
+
+    columns : at most so many
+    """
     handles, texts = zip(*entries, strict=True)
-    figure.legend(handles, texts, loc="outside upper center", ncols=columns)
+    for some in range(min(columns, len(entries)), 0, -1):
+        made = figure.legend(handles, texts, loc="outside upper center", ncols=some)
+        if some == 1 or _widest(figure, made) <= 1:
+            break
+        made.remove()
+    rows = -(-len(entries) // some)
+    if rows > ROWS:
+        row = made.get_window_extent().height / figure.dpi / rows
+        figure.set_figheight(figure.get_figheight() + (rows - ROWS) * row)
+
+
+def _widest(figure: Figure, made: Legend) -> float:
+    """Width of a legend over that of its figure, at the resolution where it is widest: letters are as wide as dots allow."""
+    own, found = figure.dpi, []
+    for dots in (VECTOR, own, matplotlib.rcParams["savefig.dpi"]):
+        figure.set_dpi(dots)
+        found.append(made.get_window_extent().width / figure.bbox.width)
+    figure.set_dpi(own)
+    return max(found)
 
 
 def haloed(text: Text) -> None:

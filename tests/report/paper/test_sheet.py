@@ -80,3 +80,22 @@ def test_any_name_can_be_written(text):
         figure, ((axes,),) = sheet.sheet(sheet.SINGLE, 40.0)
         axes.set_title(sheet.plain(text))
         figure.draw_without_rendering()
+
+
+@pytest.mark.parametrize("width", [sheet.SINGLE, sheet.DOUBLE])
+def test_a_legend_has_as_many_columns_as_fit_and_leaves_the_panels_their_height(width):
+    heights = []
+    for many in (3, 17):
+        with sheet.style():
+            figure, ((axes,),) = sheet.sheet(width, 60.0)
+            lines = axes.plot([[0]] * 2, [list(range(many))] * 2)
+            words = ["limit" if k % 2 else "simulated: repeats every so many teeth" for k in range(many)]
+            sheet.legend(figure, list(zip(lines, words, strict=True)), columns=4)
+            for dots in (72, 600):  # of vector files and of pixels
+                figure.set_dpi(dots)
+                figure.draw_without_rendering()
+                box = figure.legends[0].get_window_extent()
+                assert 0 <= box.x0 < box.x1 <= figure.bbox.width
+                assert box.y0 > axes.get_window_extent().y1
+            heights.append(axes.get_window_extent().height / figure.dpi * 25.4)
+    assert heights[1] > 0.75 * heights[0]
