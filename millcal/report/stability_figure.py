@@ -24,6 +24,7 @@ from millcal.report.stability_regions import (
     simplified,
     stable_stretches,
     stretches_above,
+    stretches_with_best,
 )
 from millcal.report.stability_wording import every_speed
 from millcal.report.wording import percent
@@ -76,9 +77,9 @@ def lobes(map_: StabilityMap) -> Figure:
     items, key = _bounds(map_, rpm, top, fine)
     for more, told in (
         _asked(map_),
+        _best(map_),
         _simulated(map_),
         _tested(map_),
-        _best(map_),
         _operating(map_.operating, ends, top),
     ):
         items += more
@@ -160,7 +161,8 @@ def _bounds(map_: StabilityMap, rpm: np.ndarray, top: float, fine: tuple[float, 
         return Line(x[kept], y[kept], kind)
 
     columns = stable_stretches(map_)
-    stable = areas(rpm, columns)
+    speeds, topped = stretches_with_best(map_)
+    stable = areas(rpm_of(speeds), topped)
     items: list[Item] = []
     key: list[tuple[str, str]] = []
     if likely := chances(map_):
@@ -221,16 +223,20 @@ def _best(map_: StabilityMap) -> Drawn:
 def reach(point: OperatingPoint, ends: tuple[float, float], top: float) -> list[tuple[float, float]]:
     """From where to where the point may move before it chatters, or back until it does not: rpm, then mm; none where unknown.
 
+    What does not end within the picture ends well beyond its rim, where an end stroke is out of sight: there was no limit.
+
     ends, top : of the picture, rpm and mm
     """
     bars = []
     speed, depth = float(rpm_of(point.spindle_speed)), point.axial_depth * 1e3
     if point.speed_margin is not None:
         fall, rise = (float(rpm_of(margin)) for margin in point.speed_margin)
-        bars.append((max(speed - fall, ends[0]), min(speed + rise, ends[1])))
+        beyond = 0.1 * (ends[1] - ends[0])
+        left, right = speed - fall, speed + rise
+        bars.append((left if left > ends[0] else ends[0] - beyond, right if right < ends[1] else ends[1] + beyond))
     else:
         bars.append((speed, speed))
-    limit = min(point.limit * 1e3, 3 * top)
+    limit = min(point.limit * 1e3, 1.5 * top)
     bars.append((min(depth, limit), max(depth, limit)))
     return bars
 
@@ -278,7 +284,7 @@ def _simulated(map_: StabilityMap) -> Drawn:
     several = "teeth" if cuts.per == "tooth" else "revolutions"
     for which, kind, shape, word in (
         (period == 1, "simulated-stable", "dot", "stable"),
-        (period == 0, "simulated-chatter", "dash", "chatter"),
+        (period == 0, "simulated-chatter", "tripod", "chatter"),
     ):
         if which.any():
             items.append(Marks(n[which], b[which], kind, shape, size=2.2))

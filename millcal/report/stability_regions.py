@@ -73,6 +73,40 @@ def stable_stretches(map_: StabilityMap) -> list[list[Stretch]]:
     return columns
 
 
+def stretches_with_best(map_: StabilityMap) -> tuple[np.ndarray, list[list[Stretch]]]:
+    """The stable depths of every speed and of the best speeds between them, whose tops a coarse map would cut off.
+
+    Further up, a best speed has the mean of its neighbours' stretches, or those of the nearer one where they are not as many.
+    returns the speeds (column,) rad/s, ascending, and the stretches of each
+    """
+    speeds, columns = map_.spindle_speed, stable_stretches(map_)
+    added: dict[float, list[Stretch]] = {}
+    for best in map_.best:
+        speed, depth = best.spindle_speed, best.axial_depth
+        i = int(np.searchsorted(speeds, speed))
+        if not 0 < i < len(speeds) or np.isclose(speed, speeds[i - 1 : i + 1], rtol=1e-7, atol=0).any():
+            continue
+        left, right = columns[i - 1], columns[i]
+        beside = max(speeds[i - 1] * left[0].high, speeds[i] * right[0].high) if left and right else np.inf
+        if not beside <= (1 + 1e-9) * speed * depth < np.inf:
+            continue  # no top: as deep as was looked, or of another map
+        first = min(left[0], right[0], key=lambda s: abs(s.high - depth))
+        share = (speed - speeds[i - 1]) / (speeds[i] - speeds[i - 1])
+        above = (left if share < 0.5 else right)[1:]
+        if len(left) == len(right):
+            above = [
+                a._replace(low=a.low + share * (b.low - a.low), high=a.high + share * (b.high - a.high))
+                if np.isfinite([a.high, b.high]).all()
+                else a
+                for a, b in zip(left[1:], right[1:], strict=True)
+            ]
+        added[float(speed)] = [Stretch(0.0, depth, RIM, first.above), *(s for s in above if s.low > depth)]
+    every = np.array([*speeds.tolist(), *added])
+    order = np.argsort(every)
+    every_column = [*columns, *added.values()]
+    return every[order], [every_column[k] for k in order]
+
+
 def _between(crossings: Sequence[tuple[float, int, bool]]) -> list[Stretch]:
     """The stable stretches between crossings, each with its depth, its kind and whether stability is lost."""
     in_turn = all(lost == (number % 2 == 0) for number, (_, _, lost) in enumerate(crossings))

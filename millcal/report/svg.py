@@ -28,7 +28,7 @@ def text(x: float, y: float, words: str, kind: str, anchor: str = "start") -> st
 
 
 def mark(x: float, y: float, shape: str, size: float) -> str:
-    """A mark of one of the shapes: dot, ring, square, diamond, triangle, cross, dash."""
+    """A mark of one of the shapes: dot, ring, square, diamond, triangle, cross, tripod, dash."""
     a, b, s = number(x), number(y), size
     if shape in ("dot", "ring"):
         return f'<circle cx="{a}" cy="{b}" r="{s:g}"/>'
@@ -42,4 +42,6 @@ def mark(x: float, y: float, shape: str, size: float) -> str:
         return f'<path d="M{a},{number(y - r)}l{r:g},{2 * r:g}h-{2 * r:g}z"/>'
     if shape == "cross":
         return f'<path d="M{number(x - s)},{number(y - s)}l{2 * s:g},{2 * s:g}m0,-{2 * s:g}l-{2 * s:g},{2 * s:g}"/>'
+    if shape == "tripod":
+        return f'<path d="M{a},{number(y + s)}V{b}l-{s:g},-{s / 2:g}m{s:g},{s / 2:g}l{s:g},-{s / 2:g}"/>'
     return f'<path d="M{number(x - s)},{b}h{2 * s:g}"/>'  # dash

@@ -70,7 +70,7 @@ def with_islands(points: int = 500, islands=ISLANDS, method: str = "floquet") ->
         absolute_minimum_frequency=float(frequency[np.argmin(limit)]),
         best=(
             BestSpeed(13930 * RPM, 8e-3, 1.2e-6, None, None, 3.1, 1840.0),
-            BestSpeed(7000 * RPM, 7e-3, 0.6e-6, None, None, 1.1, 990.0),
+            BestSpeed(5520 * RPM, 12e-3, 0.7e-6, None, None, 1.1, 990.0),
         ),
         operating=OperatingPoint(
             spindle_speed=8900 * RPM,

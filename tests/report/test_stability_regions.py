@@ -16,6 +16,7 @@ from millcal.report.stability_regions import (
     simplified,
     stable_stretches,
     stretches_above,
+    stretches_with_best,
 )
 
 HOPF, FLIP = 0, 1
@@ -183,3 +184,19 @@ def test_a_probability_that_leaps_between_two_depths_does_so_where_the_map_has_i
     low, _, high = ([column[i][0].high for i in inside if map_.limit_depth[i] < 4e-3] for column in steps)
     ratio = np.array(high) / np.array(low)
     assert np.median(ratio) == pytest.approx((1 + 0.01 * 45 / 47.5) / (1 - 0.01 * 45 / 47.5), abs=1e-4)
+
+
+def test_a_best_speed_between_two_columns_is_a_top_of_the_line():
+    coarse = with_crossings([(1.0, HOPF, 1)], [(2.0, HOPF, 1)], [(1.5, FLIP, 1), (4.0, FLIP, 0), (6.0, HOPF, 1)])
+    best = coarse.best[0]
+
+    def drawn(speed, depth):
+        return stretches_with_best(replace(coarse, best=(replace(best, spindle_speed=speed, axial_depth=depth),)))
+
+    speeds, columns = drawn(570, 3.0)
+    np.testing.assert_allclose(speeds, [500, 550, 570, 600])
+    assert columns[2] == [Stretch(0, 3.0, RIM, HOPF)]
+    assert [line.y[line.x == 570].tolist() for line in edges(areas(speeds, columns)) if 570 in line.x] == [[3.0]]
+    assert len(drawn(580, 3.0)[1][2]) == 2  # nearer to the column with a pocket
+    for speed, depth in ((550, 2.0), (570, 1.0), (570, np.inf), (700, 9.0)):  # known, no top, no limit, beyond the rim
+        assert len(drawn(speed, depth)[0]) == 3

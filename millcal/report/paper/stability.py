@@ -22,6 +22,7 @@ from millcal.report.stability_regions import (
     inner_crossings,
     stable_stretches,
     stretches_above,
+    stretches_with_best,
 )
 from millcal.report.stability_samples import held_in_words, samples_of
 from millcal.report.wording import percent
@@ -61,31 +62,33 @@ def stability_map(map_: StabilityMap) -> Any:
     if map_.best:
         speeds = rpm_of(np.array([best.spindle_speed for best in map_.best]))
         depths = [best.axial_depth * 1e3 for best in map_.best]
-        (marks,) = upper.plot(speeds, depths, "D", color=sheet.MODEL, markersize=4, clip_on=False, zorder=4)
+        look = {"markerfacecolor": "none", "markeredgecolor": sheet.INK, "markeredgewidth": 0.9, "markersize": 4.5}
+        look |= {"clip_on": False, "zorder": 4}  # hollow: periods are read through it
+        (marks,) = upper.plot(speeds, depths, "D", **look)
         entries.append((marks, "best speeds, best first"))
         for number, place in enumerate(zip(speeds, depths, strict=True), 1):
             over = {"textcoords": "offset points", "ha": "center", "va": "bottom", "fontsize": 7}
             sheet.haloed(upper.annotate(str(number), place, (0, 4), zorder=6, **over))
     if (point := map_.operating) is not None:
         speed, depth = float(rpm_of(point.spindle_speed)), point.axial_depth * 1e3
+        bars = None
         if point.stable:
             (left, right), (low, high) = reach(point, ends, top)
-            bars = {
-                "color": sheet.INK,
-                "elinewidth": 0.8,
-                "capsize": 2.0,
-                "capthick": 0.8,
-                "fmt": "none",
-                "zorder": 4.5,
-            }
-            if right > left:
-                upper.errorbar(speed, depth, xerr=[[speed - left], [right - speed]], **bars)
+            ink = {"color": sheet.INK, "markeredgewidth": 0.6, "markersize": 5.0, "zorder": 4.5}
+            bar = {"linewidth": 0.5}
             if high > low:
-                upper.errorbar(speed, depth, yerr=[[max(depth - low, 0.0)], [max(high - depth, 0.0)]], **bars)
+                upper.plot([speed, speed], [low, high], **bar, **ink)
+                upper.plot(speed, high, linestyle="none", marker="_", **ink)
+            if right > left:
+                upper.plot([left, right], [depth, depth], marker="|", **bar, **ink)
+            if high > low or right > left:
+                (bars,) = upper.plot([], [], marker="|", **bar, **ink)
         (mark,) = upper.plot(
             speed, depth, "X", color=sheet.INK, markersize=6, markeredgewidth=0, clip_on=False, zorder=5
         )
         entries.append((mark, "operating point"))
+        if bars is not None:
+            entries.append((bars, "it may move so far"))
     _chatter(lower, map_, rpm)
     sheet.scale(upper, "x", ends, most=8)
     sheet.quiet(upper, "x")
@@ -94,7 +97,7 @@ def stability_map(map_: StabilityMap) -> Any:
     sheet.scale(lower, "y", span_of(map_.chatter_frequency, margin=0.12), label="chatter\nfrequency (Hz)", most=3)
     figure.align_ylabels()
     sheet.letters((upper, lower))
-    sheet.legend(figure, entries, columns=3 if len(entries) <= 9 else 4)
+    sheet.legend(figure, entries, columns=4)
     return figure
 
 
@@ -113,7 +116,8 @@ def _limits(axes: Any, map_: StabilityMap, rpm: np.ndarray, top: float) -> list[
         return _patch(axes, ink)
 
     columns = stable_stretches(map_)
-    stable = areas(rpm, columns)
+    speeds, topped = stretches_with_best(map_)
+    stable = areas(rpm_of(speeds), topped)
     shades: list[tuple[Any, str]] = []
     if likely := chances(map_):
         patches = []
@@ -163,8 +167,9 @@ def _tried(axes: Any, map_: StabilityMap) -> list[tuple[Any, str]]:
             if period == 1:
                 look, text = {"marker": "s", "color": GREEN, "markersize": 2}, "simulated: stable"
             elif period == 0:
-                look, text = {"marker": "_", "color": PURPLE, "markersize": 3}, "simulated: chatter"
-            look |= {"markeredgewidth": 0.7 if period < 1 else 0.2, "zorder": 3.5, "clip_on": False}
+                look, text = {"marker": "1", "color": PURPLE, "markersize": 3}, "simulated: chatter"
+            above = 4.2 if period > 1 else 3.5  # a number is read over the mark of a best speed
+            look |= {"markeredgewidth": 0.7 if period < 1 else 0.2, "zorder": above, "clip_on": False}
             told.setdefault(text, axes.plot(n, b, linestyle="none", **look)[0])
         entries += [(marks, text) for text, marks in told.items()]
     if (tests := map_.tests) is not None:
@@ -186,7 +191,12 @@ def _chatter(axes: Any, map_: StabilityMap, rpm: np.ndarray) -> None:
         own = np.where(map_.limit_kind == kind, map_.chatter_frequency, np.nan)
         if np.isfinite(own).any() or (not found and kind == len(KINDS) - 1):
             look = {"color": INKS[kind], "linestyle": STYLES[kind]}
-            axes.plot(np.insert(rpm, jumps, np.nan), np.insert(own, jumps, np.nan), **look)
+            x, y = np.insert(rpm, jumps, np.nan), np.insert(own, jumps, np.nan)
+            axes.plot(x, y, **look)
+            around = np.pad(np.isfinite(y), 1)
+            alone = around[1:-1] & ~around[:-2] & ~around[2:]  # no line goes through it
+            if alone.any():
+                axes.plot(x[alone], y[alone], ".", color=INKS[kind], markersize=3, clip_on=False)
             found = True
 
 

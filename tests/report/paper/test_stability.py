@@ -1,11 +1,14 @@
 """The stability map for print shows what the record holds."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import stability_maps
+from stability_maps import RPM
 
 from millcal.report.paper import sheet
-from millcal.report.paper.stability import bifurcation, comparison, stability_file, stability_map
+from millcal.report.paper.stability import PURPLE, bifurcation, comparison, stability_file, stability_map
 
 
 def test_best_speeds_stand_on_the_map_with_their_numbers(stability):
@@ -60,7 +63,8 @@ def test_simulated_periods_are_marked_with_their_number():
     with sheet.style():
         figure = stability_map(stability_maps.tried())
     markers = {line.get_marker() for line in figure.axes[0].lines}
-    assert {"$2$", "$3$", "s", "_", "o", "x"} <= markers
+    assert {"$2$", "$3$", "s", "1", "o", "x"} <= markers
+    assert "_" not in {line.get_marker() for line in figure.axes[0].lines if line.get_color() == PURPLE}  # as a tick
 
 
 def test_the_zero_order_limit_is_dashed_beside_the_others_and_the_time_domain_points():
@@ -86,3 +90,28 @@ def test_a_file_of_the_map_is_that_of_the_methods_where_others_are_given():
     alone, together = stability_file(first, "svg"), stability_file(first, "svg", others=others)
     assert alone.startswith(b"<?xml")
     assert alone != together == stability_file(first, "svg", others=others)
+
+
+def test_a_chatter_frequency_of_one_speed_alone_is_a_dot():
+    map_ = stability_maps.with_islands(26)
+    some = np.arange(26) % 5 == 0
+    lone = replace(map_, chatter_frequency=np.where(some, map_.chatter_frequency, np.nan))
+    with sheet.style():
+        lower = stability_map(lone).axes[1]
+    dots = [line.get_xydata() for line in lower.lines if line.get_marker() == "."]
+    assert sum(len(xy) for xy in dots) == np.count_nonzero(some)
+
+
+def test_a_margin_has_an_end_stroke_only_where_it_ends_within_the_map():
+    map_ = stability_maps.with_islands()
+    open_ended = replace(map_.operating, speed_margin=(700 * RPM, np.inf), limit=np.inf)
+    with sheet.style():
+        axes = stability_map(replace(map_, operating=open_ended)).axes[0]
+        texts = [text.get_text() for text in axes.figure.legends[0].get_texts()]
+    (lying,) = [line for line in axes.lines if line.get_marker() == "|" and len(line.get_xdata())]
+    low, high = axes.get_xlim()
+    assert low < lying.get_xdata()[0] == pytest.approx(8200)
+    assert lying.get_xdata()[1] > high + 0.05 * (high - low)
+    (top,) = [line.get_ydata()[0] for line in axes.lines if line.get_marker() == "_"]
+    assert top > 1.2 * axes.get_ylim()[1]
+    assert "it may move so far" in texts
