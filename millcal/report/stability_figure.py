@@ -77,9 +77,9 @@ def lobes(map_: StabilityMap) -> Figure:
     items, key = _bounds(map_, rpm, top, fine)
     for more, told in (
         _asked(map_),
-        _best(map_),
         _simulated(map_),
         _tested(map_),
+        _best(map_),
         _operating(map_.operating, ends, top),
     ):
         items += more
