@@ -153,7 +153,8 @@ def stability(
             f"{figure} does not say its format; end it with {', '.join(FIGURES)}", param_hint="--figure"
         )
     read = [coefficients, frf, modes, setup, tests]
-    check_files(read, [output, table, figure])
+    drawn = [] if figure is None else [figure, *([_beside(figure)] if simulate else [])]
+    check_files(read, [output, table, *drawn])
     import numpy as np
 
     from millcal.units import from_shop
@@ -270,10 +271,17 @@ def _drawn(found: Any, others: list, table: Path | None, figure: Path | None) ->
 
     files = {} if table is None else {"csv": (table, stability_table(found).encode())}
     if figure is not None:
-        from millcal.report.paper.stability import stability_file
+        from millcal.report.paper.stability import bifurcation_file, stability_file
 
         files["figure"] = (figure, stability_file(found, figure.suffix[1:].lower(), others=others))
+        if (line := bifurcation_file(found, figure.suffix[1:].lower())) is not None:
+            files["bifurcation"] = (_beside(figure), line)
     return files
+
+
+def _beside(figure: Path) -> Path:
+    """Where the figure of the simulated cuts of one speed goes."""
+    return figure.with_stem(f"{figure.stem}-bifurcation")
 
 
 def _round_points(low: float, high: float, least: int = MANY) -> int:

@@ -504,3 +504,12 @@ def test_an_impact_test_with_known_truth_gives_the_limit_of_the_truth(run, tmp_p
     assert np.median(error) < 0.005
     assert np.quantile(error, 0.95) < 0.035
     assert np.mean((measured.limit_low <= true.limit_depth) & (true.limit_depth <= measured.limit_high)) > 0.85
+
+
+def test_simulated_cuts_of_the_operating_speed_are_a_figure_of_their_own(run):
+    code, _, _ = run(
+        *COEFFICIENTS, "--setup", "setup.toml", "--method", "floquet", "--rpm", "7000", "9000", "--points", "5",
+        "--deepest-mm", "3", "--simulate-points", "2", "2", "--figure", "map.png", "-o", "map.h5",
+    )  # fmt: skip
+    assert code == 0
+    assert Path("map-bifurcation.png").read_bytes().startswith(b"\x89PNG")

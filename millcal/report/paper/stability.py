@@ -45,6 +45,13 @@ def stability_file(map_: StabilityMap, format: str, *, others: Sequence[Stabilit
         return sheet.file_bytes(comparison([map_, *others]) if others else stability_map(map_), format)
 
 
+def bifurcation_file(map_: StabilityMap, format: str) -> bytes | None:
+    """Where the simulated cuts of one speed come to rest as a file; None where there are none.   format : as above"""
+    with sheet.style():
+        figure = bifurcation(map_)
+        return None if figure is None else sheet.file_bytes(figure, format)
+
+
 def stability_map(map_: StabilityMap) -> Any:
     """Stable area or probabilities, limits by kind, what was asked, tried and advised; below it the chatter frequency."""
     rpm = rpm_of(map_.spindle_speed)
