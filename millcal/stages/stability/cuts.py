@@ -55,12 +55,12 @@ def simulated_over(
     speeds: np.ndarray,
     grid: tuple[int, int],
     deepest: float,
-    along: float | None,
+    along: tuple[float, float] | None,
     progress: Progress,
 ) -> tuple[SimulatedCuts, list[Notice]]:
     """Cuts of the time domain on a grid over the map, and where those of one speed come to rest as the depth grows.
 
-    grid : speeds and depths   along : that one speed, rad/s, None: no such line
+    grid : speeds and depths   along : an operating point, rad/s and m, down to twice whose depth the line goes; None: no line
     """
     from millcal.stages.stability.time_domain import simulated_cuts, with_bifurcation
 
@@ -79,8 +79,8 @@ def simulated_over(
         tip, asked.cut, speed.ravel(), depth.ravel(), progress=lambda share: progress(0.7 * share), **force
     )
     if along is not None:
-        line = deepest * np.arange(1, LINE + 1) / LINE
+        line = min(deepest, 2 * along[1]) * np.arange(1, LINE + 1) / LINE
         found = with_bifurcation(
-            found, tip, asked.cut, along, line, progress=lambda share: progress(0.7 + 0.3 * share), **force
+            found, tip, asked.cut, along[0], line, progress=lambda share: progress(0.7 + 0.3 * share), **force
         )
     return found, list(notices)

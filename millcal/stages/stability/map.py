@@ -204,7 +204,7 @@ def map_stability(
             speeds,
             simulate,
             picture,
-            marked[0] if marked else None,
+            operating_point,
             lambda share: progress(0.92 + 0.08 * share, "cuts"),
         )
         notices += told
