@@ -5,7 +5,8 @@ arrays of a `Problem` do not depend on speed or depth; `_prepare` makes the four
 matrix of one depth from them, `_multipliers` its eigenvalues by elimination to Hessenberg form and the double-shift QR
 iteration (Wilkinson, Reinsch 1971: elmhes, hqr), which for the sizes here, 7 to 80, is quicker than a call of LAPACK.
 
-This module imports numba and so is imported where it is used.
+This module imports numba and so is imported where it is used. It is long because numba's cache does not notice an edit in what a
+kernel inlines from elsewhere.
 """
 
 import math
