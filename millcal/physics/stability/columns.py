@@ -58,7 +58,9 @@ def crossings_in_columns(
     known, sure = np.empty(0, int), np.empty(0, int)
     if len(flips[0]):
         within = (depth[step + 1] - depth[step]) < 3 * BESIDE * depth[step]
-        known, sure = step[within], np.sign(count[step[within] + 1] - count[step[within]])
+        known = step[within]
+        known = known[count[known + 1] != count[known]]  # of two that meet, or beyond what the model keeps, none counts
+        sure = np.sign(count[known + 1] - count[known])
         step = step[~within]
     brackets = [_changes(column, depth, size, count, step), *_bulges(model, column, depth, size, count, step)]
     bracket = _Bracket(*(np.concatenate(parts) for parts in zip(*brackets, strict=True)))
