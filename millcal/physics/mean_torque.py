@@ -37,8 +37,3 @@ def mean_torque(law: LinearEdge | Kienzle, cutter: Cutter, conditions: CuttingCo
         2, 2, :, 0
     ].real  # sum of g(h) over edges, as the axial force is
     return float(cutter.radius * axial @ weight)
-
-
-def mean_power(torque: float, spindle_speed: float) -> float:
-    """W.   torque : N m   spindle_speed : rad/s"""
-    return torque * spindle_speed

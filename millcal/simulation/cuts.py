@@ -21,7 +21,7 @@ from millcal.physics.measuring_chain import MeasuringChain
 from millcal.physics.shaped_modes import ShapedMode, accelerance_between
 from millcal.physics.spindle import SpindleMotion
 from millcal.simulation.noise import measured
-from millcal.simulation.truth import rounded, shop_values, truth_over_time
+from millcal.simulation.truth import rounded, shop_conditions, shop_values, truth_over_time
 
 TIP = ("tipX", "tipY", "tipZ")
 BLOCK = 8192  # samples: three axes of complex numbers stay in the cache
@@ -221,13 +221,7 @@ def simulate_cut(
         recording = as_dynamometer_channels(recording, axis_map, acts_on)
     truth = {
         "kind": "cut",
-        "conditions": shop_values(
-            spindle_speed_rpm=conditions.spindle_speed,
-            feed_per_tooth_mm=conditions.feed_per_tooth,
-            axial_depth_mm=conditions.axial_depth,
-            radial_depth_mm=conditions.radial_depth,
-        )
-        | {"direction": conditions.direction},
+        "conditions": shop_conditions(conditions),
         "spindle_frequency_hz": rounded(motion.frequency),
         "steady_s": [rounded(t) for t in timeline.steady_span],
         "mean_force_N": [rounded(value) for value in mean],  # on the tool, in the steady cut

@@ -21,7 +21,7 @@ from millcal.physics.stability.regeneration import Regeneration, tip_of_shapes
 from millcal.physics.stability.time_domain import TimeDomain, simulate_cut
 from millcal.simulation.cuts import SETTLED, Timeline
 from millcal.simulation.noise import measured
-from millcal.simulation.truth import rounded, shop_values
+from millcal.simulation.truth import rounded, shop_conditions
 
 IN_PLANE = ("tipX", "tipY")
 FLAT, SHUT = 0.4, 0.5  # of the sample rate
@@ -108,13 +108,7 @@ def simulate_regenerative_cut(
     )
     truth = {
         "kind": "cut",
-        "conditions": shop_values(
-            spindle_speed_rpm=conditions.spindle_speed,
-            feed_per_tooth_mm=conditions.feed_per_tooth,
-            axial_depth_mm=conditions.axial_depth,
-            radial_depth_mm=conditions.radial_depth,
-        )
-        | {"direction": conditions.direction},
+        "conditions": shop_conditions(conditions),
         "spindle_frequency_hz": rounded(frequency),
         "steady_s": [rounded(t) for t in timeline.steady_span],
         **_repetition(motion, cutter.teeth),

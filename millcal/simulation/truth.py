@@ -1,8 +1,11 @@
 """What a simulation knows, as JSON in the units of the shop."""
 
+from typing import Any
+
 import numpy as np
 
 from millcal.physics.changing_coefficients import Trend, coefficients_at
+from millcal.physics.cutter import CuttingConditions
 from millcal.physics.cutting_force import Kienzle, LinearEdge
 from millcal.units import to_shop
 
@@ -30,3 +33,14 @@ def truth_over_time(law: LinearEdge | Kienzle, trend: Trend, time: np.ndarray) -
     if trend.chips:
         known["chips"] = [{"time_s": rounded(chip.time), "size": list(chip.size)} for chip in trend.chips]
     return known
+
+
+def shop_conditions(conditions: CuttingConditions) -> dict[str, Any]:
+    """How a cut was made, under the keys of a recipe."""
+    values = shop_values(
+        spindle_speed_rpm=conditions.spindle_speed,
+        feed_per_tooth_mm=conditions.feed_per_tooth,
+        axial_depth_mm=conditions.axial_depth,
+        radial_depth_mm=conditions.radial_depth,
+    )
+    return values | {"direction": conditions.direction}

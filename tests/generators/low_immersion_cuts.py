@@ -14,7 +14,7 @@ import numpy as np
 
 from millcal.physics.cutter import Cutter, CuttingConditions, engagement
 from millcal.physics.cutting_force import LinearEdge
-from millcal.physics.mean_torque import mean_power, mean_torque
+from millcal.physics.mean_torque import mean_torque
 from millcal.physics.stability.regeneration import Regeneration, tip_of_shapes
 from millcal.physics.stability.time_domain import simulate_cut, simulate_points, steps_for
 
@@ -62,9 +62,7 @@ def log() -> str:
     for i, (omega, ap) in enumerate(zip(speed, depth, strict=True)):
         stable = change[i] <= REPEATS * FEED
         heard = "" if stable else f"{_heard(omega, ap, tip, cut, edge):.0f}"
-        power = mean_power(
-            mean_torque(forces, cutter, CuttingConditions(omega, FEED, ap, radial * 1e-3, "down")), omega
-        )
+        power = omega * mean_torque(forces, cutter, CuttingConditions(omega, FEED, ap, radial * 1e-3, "down"))
         shop = [f"{rpm[i]:.0f}", f"{ap * 1e3:.1f}", f"{radial:g}", f"{FEED * 1e3:g}", int(stable)]
         rows.writerow([*shop, f"{change[i] * 1e6:.1f}", heard, f"{power:.0f}", "down"])
     return text.getvalue()
