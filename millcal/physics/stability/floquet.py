@@ -231,7 +231,7 @@ def boundary(
     depths: int = 16,
     order: int | None = None,
     tolerance: float = TOLERANCE,
-    depth_tolerance: float = 5e-9,
+    depth_tolerance: float = 1e-9,
     progress: Callable[[float], None] | None = None,
 ) -> Crossings:
     """All crossings of the unit circle up to a depth, column by column (`columns`); the crossings of every multiplier.
