@@ -190,6 +190,8 @@ def _roots(model: Model, bracket: _Bracket, tolerance: float) -> tuple[np.ndarra
         mu = _of_rank(model, bracket.column[live], x, bracket.rank[live])
         f = _log(mu)
         same = np.sign(f) == np.sign(fa[live])
+        # the secant to the point before tells how far the root still is, before the other end of the bracket comes in
+        ahead = np.abs(f * (x - a[live]) / np.where(f == fa[live], np.inf, f - fa[live]))
         c[live], fc[live] = np.where(same, a[live], b[live]), np.where(same, fa[live], fb[live])
         b[live] = np.where(same, b[live], a[live])
         fb[live] = np.where(same, fb[live], fa[live])
@@ -197,7 +199,7 @@ def _roots(model: Model, bracket: _Bracket, tolerance: float) -> tuple[np.ndarra
         best[live], multiplier[live] = x, mu
         width = np.abs(b[live] - a[live])
         room = 0.5 * tolerance / np.maximum(width, 1e-300)
-        done = (room > 0.5) | (f == 0)
+        done = (room > 0.5) | (f == 0) | (ahead < 0.01 * tolerance)
         xi = (a[live] - b[live]) / np.where(c[live] == b[live], np.inf, c[live] - b[live])
         eta = (fa[live] - fb[live]) / np.where(fc[live] == fb[live], np.inf, fc[live] - fb[live])
         quadratic = (eta**2 < xi) & ((1 - eta) ** 2 < 1 - xi)

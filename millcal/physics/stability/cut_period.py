@@ -19,7 +19,7 @@ from millcal.physics.stability.regeneration import Regeneration, TipModes, h0
 
 STRAIGHT = 1e-4  # rad of helix over the depth, below which the mean angle stands for all heights (cancellation)
 ON_A_POINT = 4  # nodes of a piece so short that the force on it hardly changes
-MORE_INNER = 2  # nodes of the integrals up to a node, beyond the order
+INNER = 8  # nodes of the integrals from a node to the next, where a polynomial of any order is half a wave: 1e-11
 
 
 class Pieces(NamedTuple):
@@ -47,16 +47,16 @@ class Unknowns(NamedTuple):
 
 @lru_cache(maxsize=256)
 def gauss_table(order: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Nodes on 0..1, nodes of the inner integrals, and the weights that integrate each Lagrange polynomial.
+    """Nodes on 0..1, those of the integrals from one to the next, and the weights that integrate each Lagrange polynomial.
 
-    The integral from 0 to node i of g(x_i - t) l_j(t) is the sum over k of weight[i, k, j] g(x_i (1 - u_k)); the last i stands
-    for the whole piece.   returns (n,), (q,), (n + 1, q, n)
+    With h the gap from node i - 1 (from 0) to node i, the integral over it of g(x_i - t) l_j(t) is the sum over k of
+    weight[i, k, j] g(h (1 - u_k)); the last i leads to the end of the piece.   returns (n,), (q,), (n + 1, q, n)
     """
-    node, inner, inner_weight = _unit_gauss(order)[0], *_unit_gauss(order + MORE_INNER)
-    ends = np.append(node, 1.0)
-    at = ends[:, np.newaxis] * inner
+    node, inner, inner_weight = _unit_gauss(order)[0], *_unit_gauss(INNER)
+    gap = np.diff(node, prepend=0.0, append=1.0)
+    at = np.append(0.0, node)[:, np.newaxis] + gap[:, np.newaxis] * inner
     weight = lagrange(node, at.ravel()).reshape(*at.shape, order)
-    weight *= (ends[:, np.newaxis] * inner_weight)[:, :, np.newaxis]
+    weight *= (gap[:, np.newaxis] * inner_weight)[:, :, np.newaxis]
     for part in (node, inner, weight):
         part.flags.writeable = False
     return node, inner, weight
@@ -103,10 +103,9 @@ def gauss_tables(orders: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray
     """`gauss_table` of several orders in arrays of one size.   returns which table (piece,), nodes, inner nodes, weights"""
     kinds, table = np.unique(orders, return_inverse=True)
     most = int(kinds[-1])
-    node, inner = np.zeros((len(kinds), most)), np.zeros((len(kinds), most + MORE_INNER))
-    weight = np.zeros((len(kinds), most + 1, most + MORE_INNER, most))
+    node, weight = np.zeros((len(kinds), most)), np.zeros((len(kinds), most + 1, INNER, most))
     for i, n in enumerate(kinds.tolist()):
-        node[i, :n], inner[i, : n + MORE_INNER], weight[i, : n + 1, : n + MORE_INNER, :n] = gauss_table(n)
+        node[i, :n], inner, weight[i, : n + 1, :, :n] = gauss_table(n)
     return table, node, inner, weight
 
 

@@ -33,8 +33,8 @@ class Problem(NamedTuple):
     order: np.ndarray  # integer (piece,): Gauss nodes n
     table: np.ndarray  # integer (piece,): which of the tables below
     node: np.ndarray  # (table, largest n), 0..1
-    inner: np.ndarray  # (table, largest n + 2): nodes of the integrals up to a node, 0..1
-    weight: np.ndarray  # (table, n + 1, n + 2, n): integral of polynomial j up to node i; i = n: over the piece
+    inner: np.ndarray  # (q,): nodes of the integrals from a node to the next, 0..1
+    weight: np.ndarray  # (table, n + 1, q, n): integral of polynomial j from node i - 1 to node i; i = n: to the end
     piece: np.ndarray  # integer (unknown,)
     place: np.ndarray  # integer (unknown,): node within its piece
     row: np.ndarray  # (unknown, 2): what is taken of r, or of r' where `rubs`
@@ -47,11 +47,11 @@ class Problem(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def _prepare(p, speed, gamma, phi, evolution, feed, block, power, ends, waves):
+def _prepare(p, speed, gamma, phi, evolution, feed, block, stretch, ends, waves):
     """The matrices of one speed.
 
     gamma : (unknown, unknown)   phi : (unknown, 2 mode)   evolution : (2 mode, 2 mode)   feed : (2 mode, unknown)
-    block : complex (n + 1, n), power : complex (n + 2,), ends : two complex (unknown,): scratch
+    block : complex (n + 1, n), stretch : (2, n), ends : two complex (unknown,): scratch
     waves : gamma S0, gamma S1, feed S0, feed S1, where S0 and S1 are not plain
     """
     unknowns = len(p.piece)
@@ -73,7 +73,7 @@ def _prepare(p, speed, gamma, phi, evolution, feed, block, power, ends, waves):
             n = p.order[piece]
             if p.length[piece] != length:
                 length = p.length[piece]
-                _integrals(s, length, n, p.table[piece], p, block, power, speed)
+                _integrals(s, length, n, p.table[piece], p, block, stretch, speed)
             begin, end = stop, p.start[piece] + length
             while stop < unknowns and p.piece[stop] == piece:
                 stop += 1
@@ -133,27 +133,35 @@ def _times(left, right, out):
 
 
 @njit(cache=True, error_model="numpy")
-def _integrals(s, length, n, table, p, block, power, speed):
-    """Of e^{s (t_i - t)} times each Lagrange polynomial, up to each node and over the whole piece: block (n + 1, n)."""
-    q = n + 2
+def _integrals(s, length, n, table, p, block, stretch, speed):
+    """Of e^{s (t_i - t)} times each Lagrange polynomial, up to each node and over the whole piece: block (n + 1, n).
+
+    From one node to the next what was there turns and fades by e^{s h}, and the stretch between is added.
+    """
+    real, imag = stretch
+    before = 0.0
     for i in range(n + 1):
-        reach = length * p.node[table, i] if i < n else length
-        size, turn = math.exp(s.real * reach), s.imag * reach
-        whole_real, whole_imag = size * math.cos(turn), size * math.sin(turn)
-        # the inner nodes lie symmetrically: with e^{s t u} there is e^{s t (1 - u)} = e^{s t} / e^{s t u}
-        for k in range((q + 1) // 2):
-            size, turn = math.exp(s.real * reach * p.inner[table, k]), s.imag * reach * p.inner[table, k]
-            cosine, sine = math.cos(turn), math.sin(turn)
-            power[q - 1 - k] = complex(size * cosine, size * sine)
-            power[k] = complex(
-                (whole_real * cosine + whole_imag * sine) / size, (whole_imag * cosine - whole_real * sine) / size
-            )
+        here = p.node[table, i] if i < n else 1.0
+        gap = length * (here - before)
+        before = here
         for j in range(n):
-            block[i, j] = 0.0
-        for k in range(q):
-            real, imag = power[k].real * length / speed, power[k].imag * length / speed
+            real[j] = imag[j] = 0.0
+        carry = np.exp(s * gap)
+        q = len(p.inner)
+        # the inner nodes lie symmetrically, and e^{s h (1 - u)} = e^{s h} / e^{s h u}
+        for k in range(q // 2):
+            size, turn = math.exp(s.real * gap * p.inner[k]), s.imag * gap * p.inner[k]
+            cosine, sine = math.cos(turn), math.sin(turn)
+            early = complex(cosine, -sine) * carry * (length / (speed * size))
+            late = complex(cosine, sine) * (size * length / speed)
             for j in range(n):
-                block[i, j] += complex(real * p.weight[table, i, k, j], imag * p.weight[table, i, k, j])
+                first, last = p.weight[table, i, k, j], p.weight[table, i, q - 1 - k, j]
+                real[j] += early.real * first + late.real * last
+                imag[j] += early.imag * first + late.imag * last
+        for j in range(n):
+            block[i, j] = complex(real[j], imag[j])
+            if i > 0:
+                block[i, j] += carry * block[i - 1, j]
 
 
 @njit(cache=True, error_model="numpy")
@@ -380,7 +388,7 @@ def _room(p):
         np.empty((states, states)),
         np.empty((states, unknowns)),
         np.empty((n + 1, n), np.complex128),
-        np.empty(n + 2, np.complex128),
+        np.empty((2, n)),
         (np.empty(unknowns, np.complex128), np.empty(unknowns, np.complex128)),
         waves,
         np.empty((unknowns, unknowns)),
@@ -394,16 +402,16 @@ def _room(p):
 @njit(cache=True, error_model="numpy")
 def matrices(p, speed):
     """Gamma, phi, evolution and feed of one speed, for those who solve in another way."""
-    gamma, phi, evolution, feed, block, power, ends, waves, _, _, _, _, _ = _room(p)
-    _prepare(p, speed, gamma, phi, evolution, feed, block, power, ends, waves)
+    gamma, phi, evolution, feed, block, stretch, ends, waves, _, _, _, _, _ = _room(p)
+    _prepare(p, speed, gamma, phi, evolution, feed, block, stretch, ends, waves)
     return gamma, phi, evolution, feed
 
 
 @njit(cache=True, error_model="numpy")
 def multipliers_of(p, speed, depth):
     """All multipliers of one point.   returns complex (k,)"""
-    gamma, phi, evolution, feed, block, power, ends, waves, left, right, matrix, real, imag = _room(p)
-    _prepare(p, speed, gamma, phi, evolution, feed, block, power, ends, waves)
+    gamma, phi, evolution, feed, block, stretch, ends, waves, left, right, matrix, real, imag = _room(p)
+    _prepare(p, speed, gamma, phi, evolution, feed, block, stretch, ends, waves)
     _monodromy(p, depth, gamma, phi, evolution, feed, waves, left, right, matrix)
     n = matrix.shape[0]
     _eigenvalues(matrix, n, real, imag)
@@ -416,11 +424,11 @@ def multipliers_of(p, speed, depth):
 @njit(cache=True, error_model="numpy")
 def radii(p, speed, depth, out):
     """The largest |mu| of points of many speeds.   speed, depth, out : (point,)"""
-    gamma, phi, evolution, feed, block, power, ends, waves, left, right, matrix, real, imag = _room(p)
+    gamma, phi, evolution, feed, block, stretch, ends, waves, left, right, matrix, real, imag = _room(p)
     n = matrix.shape[0]
     for i in range(len(speed)):
         if i == 0 or speed[i] != speed[i - 1]:
-            _prepare(p, speed[i], gamma, phi, evolution, feed, block, power, ends, waves)
+            _prepare(p, speed[i], gamma, phi, evolution, feed, block, stretch, ends, waves)
         _monodromy(p, depth[i], gamma, phi, evolution, feed, waves, left, right, matrix)
         _eigenvalues(matrix, n, real, imag)
         largest = 0.0
@@ -434,12 +442,12 @@ def radii(p, speed, depth, out):
 @njit(cache=True, error_model="numpy")
 def spectra(p, speed, depth, keep, out):
     """The largest multipliers of points of many speeds, largest first.   out : complex (point, keep)"""
-    gamma, phi, evolution, feed, block, power, ends, waves, left, right, matrix, real, imag = _room(p)
+    gamma, phi, evolution, feed, block, stretch, ends, waves, left, right, matrix, real, imag = _room(p)
     n = matrix.shape[0]
     size = np.empty(n)
     for i in range(len(speed)):
         if i == 0 or speed[i] != speed[i - 1]:
-            _prepare(p, speed[i], gamma, phi, evolution, feed, block, power, ends, waves)
+            _prepare(p, speed[i], gamma, phi, evolution, feed, block, stretch, ends, waves)
         _monodromy(p, depth[i], gamma, phi, evolution, feed, waves, left, right, matrix)
         _eigenvalues(matrix, n, real, imag)
         for k in range(n):
@@ -465,7 +473,7 @@ def flips(p, speed, deepest, out, count):
 
     out : (speed, unknown), filled to count, ascending   count : integer (speed,)
     """
-    gamma, phi, evolution, feed, block, power, ends, waves, left, _, _, _, _ = _room(p)
+    gamma, phi, evolution, feed, block, stretch, ends, waves, left, _, _, _, _ = _room(p)
     unknowns, states = phi.shape
     real, imag = np.empty(unknowns), np.empty(unknowns)
     away = np.empty((states, states))  # -1 - E
@@ -476,7 +484,7 @@ def flips(p, speed, deepest, out, count):
         for k in range(len(p.memory)):
             wave[a, p.memory[k]] += p.before[a, k]
     for i in range(len(speed)):
-        _prepare(p, speed[i], gamma, phi, evolution, feed, block, power, ends, waves)
+        _prepare(p, speed[i], gamma, phi, evolution, feed, block, stretch, ends, waves)
         for k in range(states):
             for c in range(states):
                 away[k, c] = -evolution[k, c]
@@ -510,7 +518,7 @@ def loudest(p, speed, depth, multiplier, out):
 
     speed, depth, out : (point,)   multiplier : complex (point,)
     """
-    gamma, phi, evolution, feed, block, power, ends, waves, _, _, _, _, _ = _room(p)
+    gamma, phi, evolution, feed, block, stretch, ends, waves, _, _, _, _, _ = _room(p)
     unknowns, states = phi.shape
     away, given = np.empty((states, states), np.complex128), feed.astype(np.complex128)
     wave, loop = np.empty((unknowns, unknowns), np.complex128), np.empty((unknowns, unknowns), np.complex128)
@@ -518,11 +526,11 @@ def loudest(p, speed, depth, multiplier, out):
     share = np.empty(unknowns)
     for a in range(unknowns):
         n = p.order[p.piece[a]]
-        share[a] = p.length[p.piece[a]] * p.weight[p.table[p.piece[a]], n, : n + 2, p.place[a]].sum()
+        share[a] = p.length[p.piece[a]] * p.weight[p.table[p.piece[a]], : n + 1, :, p.place[a]].sum()
     highest = np.abs(p.pole).max()
     for i in range(len(speed)):
         if i == 0 or speed[i] != speed[i - 1]:
-            _prepare(p, speed[i], gamma, phi, evolution, feed, block, power, ends, waves)
+            _prepare(p, speed[i], gamma, phi, evolution, feed, block, stretch, ends, waves)
         mu = multiplier[i]
         for k in range(states):
             for c in range(states):
