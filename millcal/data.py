@@ -86,8 +86,8 @@ class Channel:
     """What one row of `Recording.samples` measures, in the SI unit of its quantity."""
 
     name: str
-    quantity: str  # force, acceleration, velocity, displacement, angle, pulse, sound_pressure
-    unit: str  # SI: N, m/s^2, m/s, m, rad, 1, Pa
+    quantity: str  # force, acceleration, velocity, displacement, angle, pulse, sound_pressure, sound
+    unit: str  # SI: N, m/s^2, m/s, m, rad, 1, Pa; FS: a sound as a share of full scale
     dof: str  # point and direction: tipX
     full_scale: float | None = None  # input range in `unit`, for overload
     role: Literal["hammer", "response"] | None = None  # in an impact test; None: only a force is the hammer
@@ -769,7 +769,7 @@ class Judgement(Record):
 
     name: str
     channel: str
-    quantity: Literal["displacement", "acceleration", "velocity", "force", "sound_pressure"]
+    quantity: Literal["displacement", "acceleration", "velocity", "force", "sound_pressure", "sound"]
     unit: str  # SI of the channel
     teeth: int
     sample_rate: float  # Hz

@@ -52,6 +52,7 @@ FILE_UNITS = {
     "V": ("voltage", "V", 1.0),
     "mV": ("voltage", "V", 1e-3),
     "Pa": ("sound_pressure", "Pa", 1.0),
+    "FS": ("sound", "FS", 1.0),  # full scale of a recorder that says nothing of pascals
     "1": ("pulse", "1", 1.0),
 }
 

@@ -21,11 +21,11 @@ from millcal.units import FILE_UNITS, normal_unit
 TIP_FORCES = {"fx": "tipX", "fy": "tipY", "fz": "tipZ"}  # names of the map whose place and direction are known
 QUANTITY_UNITS = {
     "force": "N", "acceleration": "m/s^2", "velocity": "m/s", "displacement": "m", "angle": "rad", "pulse": "1",
-    "sound_pressure": "Pa",
+    "sound_pressure": "Pa", "sound": "FS",
 }  # fmt: skip
 _SENSITIVITY = re.compile(
     r"(?:(?P<column>mV|V|uV|µV|pC|nC)\s*[,:]\s*)?(?P<value>[+-]?[\d.]+(?:[eE][+-]?\d+)?)\s*"
-    r"(?P<signal>mV|V|uV|µV|pC|nC)\s*/\s*(?P<unit>.+)"
+    r"(?P<signal>mV|V|uV|µV|pC|nC|FS)\s*/\s*(?P<unit>.+)"
 )
 _SIGNALS = {
     "V": ("V", 1.0),
@@ -34,6 +34,7 @@ _SIGNALS = {
     "µV": ("V", 1e-6),
     "pC": ("C", 1e-12),
     "nC": ("C", 1e-9),
+    "FS": ("FS", 1.0),
 }
 _DOF_ENDING = re.compile(r"(?:^|.*[_ .])(?P<dof>[A-Za-z]+\d*[XYZ])")
 _KNOWN = "N, kN, lbf, m/s^2, g, m/s, um, mm, m, deg, Pa, s for the time, or a sensitivity such as '100 mV/g'"
@@ -103,6 +104,13 @@ def choose_channels(
             )
         delay = (column.delay or 0.0) if table.delay_s is None else table.delay_s
         chosen.append((row, gain, Channel(name, quantity, unit, dof, full_scale, role, delay), sign))  # type: ignore[arg-type]
+    of_full_scale = [channel.name for row, _, channel, _ in chosen if channel.unit == "FS" and row not in stated]
+    if of_full_scale:
+        message = (
+            f"{', '.join(of_full_scale)}: shares of full scale, since the file does not say how many pascals that is; "
+            f'--unit "{of_full_scale[0]}=0.05 FS/Pa" would'
+        )
+        notices.append(Notice("full-scale", message, where, "note"))
     left_out = [c.name for i, c in enumerate(columns) if i != time and i not in {row for row, *_ in chosen}]
     clocks = [c.name for i, c in enumerate(columns) if i != time and is_time(c.name, c.unit) and c.name in left_out]
     if not mapping and time is not None and clocks:
@@ -240,17 +248,20 @@ def _gain_of_sensitivity(column: Column, match: re.Match, problems: list[str]) -
         value = float(match["value"])
     except ValueError:
         value = 0.0
-    if measured is None or measured[0] == "voltage" or value == 0:
+    if measured is None or measured[0] in ("voltage", "sound") or value == 0:
         problems.append(
             f"column '{name}': '{match.group()}' is no sensitivity; write a voltage per unit, "
             f'such as --unit "{column.name}=100 mV/g"'
         )
         return None
     kind, signal = _SIGNALS[match["signal"]]
-    written = match["column"] or (column.unit and column.unit.strip("[]() ")) or ("V" if kind == "V" else "pC")
+    written = match["column"] or (column.unit and column.unit.strip("[]() ")) or ("pC" if kind == "C" else kind)
     written = normal_unit(written) if normal_unit(written) in _SIGNALS else written
     if written not in _SIGNALS or _SIGNALS[written][0] != kind:
-        problems.append(f"column '{name}' is in {written}, and '{match.group()}' is for a column in V; correct --unit")
+        right = "pC" if kind == "C" else kind
+        problems.append(
+            f"column '{name}' is in {written}, and '{match.group()}' is for a column in {right}; correct --unit"
+        )
         return None
     quantity, si, factor = measured
     return quantity, si, _SIGNALS[written][1] / (value * signal) * factor

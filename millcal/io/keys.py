@@ -41,7 +41,7 @@ Spans = Annotated[tuple[Span, ...], Field(strict=False), BeforeValidator(_pairs)
 Interval = Annotated[tuple[float, float], Field(strict=False), AfterValidator(_not_falling)]
 Direction = Literal["up", "down", "slot"]
 Quantity = Literal[
-    "force", "acceleration", "velocity", "displacement", "angle", "pulse", "sound_pressure", "time", "ignore"
+    "force", "acceleration", "velocity", "displacement", "angle", "pulse", "sound_pressure", "sound", "time", "ignore"
 ]
 
 

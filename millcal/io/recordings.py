@@ -17,7 +17,7 @@ from millcal.data import Channel, Notice, Recording, SamplesOnDisk
 from millcal.errors import RecordingError
 from millcal.io.channels import Selection, choose_channels
 from millcal.io.engagement import completed, read_engagement
-from millcal.io.formats import hdf5, hdf5_other, text, uff
+from millcal.io.formats import hdf5, hdf5_other, text, uff, wav
 from millcal.io.formats.foreign import refuse_foreign
 from millcal.io.formats.recording_writer import write_recording
 from millcal.io.formats.source import Progress, Source, silent
@@ -55,6 +55,7 @@ FORMATS = {  # asked in this order; text takes what no other one claims
     "millcal-recording": Format(hdf5.sniff, hdf5.open_source),
     "hdf5": Format(hdf5_other.sniff, hdf5_other.open_source),
     "uff": Format(uff.sniff, uff.open_source),
+    "wav": Format(wav.sniff, wav.open_source),
     "text": Format(text.sniff, text.open_source),
 }
 

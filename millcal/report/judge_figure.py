@@ -15,6 +15,7 @@ SYMBOLS = {
     "velocity": ("v", "mm/s", 1e3),
     "force": ("F", "N", 1.0),
     "sound_pressure": ("p", "Pa", 1.0),
+    "sound": ("p", "FS", 1.0),
 }  # letter, unit of the figures, factor from SI
 BEYOND = 2.5  # times the highest frequency that matters, to which the spectrum is drawn
 FEWEST_PASSINGS = 8

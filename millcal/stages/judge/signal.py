@@ -17,6 +17,7 @@ QUANTITIES = (
     "acceleration",
     "velocity",
     "sound_pressure",
+    "sound",
     "force",
 )  # the first that is there is judged
 PATH = "path"  # dof of a channel that says where the tool is on its path
