@@ -18,6 +18,8 @@ Eliminating z, mu is a multiplier at depth b where det(1 + b K(mu) (S0 - S1 / mu
 all depths at which mu is a given number of the unit circle are eigenvalues of one small matrix: those of period doubling at
 mu = -1 at once, all others by going round the circle (`all_crossings`).
 
+With a helix, or where teeth of unequal pitch overlap, a period has many pieces: `by_pieces` walks through them instead.
+
 Order: `cut_period.nodes_of`, with the phase x = (w / Omega + 2) L of the highest mode, stiffened by the cut, along the longest
 piece L.
 
@@ -32,6 +34,7 @@ from collections.abc import Callable
 import numpy as np
 
 from millcal.errors import IllPosedError
+from millcal.physics.stability import by_pieces
 from millcal.physics.stability.cut_period import gauss_tables, nodes_of, orders_of, pieces_of, unknowns_of
 from millcal.physics.stability.regeneration import (
     FLIP,
@@ -116,10 +119,12 @@ def multipliers(
     """
     from millcal.physics.stability.floquet_kernel import multipliers_of
 
-    order = order or int(order_of(np.array([spindle_speed]), depth, tip, cut, tolerance)[0])
-    found = multipliers_of(
-        problem_of(tip, cut, depth, order), float(spindle_speed), 1.0 if cut.wind and depth else float(depth)
-    )
+    if by_pieces.suits(cut):
+        found = by_pieces.all_multipliers(float(spindle_speed), float(depth), tip, cut, order, tolerance)
+    else:
+        order = order or int(order_of(np.array([spindle_speed]), depth, tip, cut, tolerance)[0])
+        by = 1.0 if cut.wind and depth else float(depth)
+        found = multipliers_of(problem_of(tip, cut, depth, order), float(spindle_speed), by)
     return found[np.argsort(-np.abs(found), kind="stable")]
 
 
@@ -136,6 +141,8 @@ def spectral_radius(
     from millcal.physics.stability.floquet_kernel import radii
 
     speed, depth = np.broadcast_arrays(np.asarray(spindle_speed, float), np.asarray(depth, float))
+    if by_pieces.suits(cut):
+        return np.abs(by_pieces.largest_multipliers(speed, depth, tip, cut, order, tolerance)[:, 0])
     found = np.empty(speed.shape)
 
     def run(problem, chosen: np.ndarray, depth: np.ndarray) -> None:
@@ -179,7 +186,8 @@ def radius_map(
 ) -> np.ndarray:
     """The largest |mu| on a grid; each speed is prepared once.   spindle_speed : (s,)   depth : (d,)   returns (d, s)"""
     speed, depth = np.asarray(spindle_speed, float), np.asarray(depth, float)
-    if order is None and not cut.wind:  # one order for a speed, so that all its depths share what was prepared
+    if order is None and not (cut.wind or by_pieces.suits(cut)):
+        # one order for a speed, so that all its depths share what was prepared
         orders = order_of(speed, float(depth.max()), tip, cut, tolerance)
         found = np.empty((len(speed), len(depth)))
         for n in np.unique(orders):
@@ -199,6 +207,8 @@ def flip_depths(
     raises ValueError with a helix, whose matrix depends on the depth
     """
     speed = np.array([float(spindle_speed)])
+    if by_pieces.suits(cut) and not cut.wind:
+        return by_pieces.Columns(speed, deepest, tip, cut, order, TOLERANCE).flips()[1]
     orders = np.array([order]) if order else order_of(speed, deepest, tip, cut)
     return _flips(speed, tip, cut, deepest, orders)[1]
 
@@ -245,8 +255,13 @@ def boundary(
 
     speed = np.asarray(spindle_speed, float)
     orders = np.full(len(speed), order) if order else order_of(speed, deepest, tip, cut, tolerance)
-    known = (np.empty(0, int), np.empty(0)) if cut.wind else _flips(speed, tip, cut, deepest, orders)
-    model = _Multipliers(speed, orders, tip, cut, progress)
+    model: _Multipliers | by_pieces.Columns
+    if by_pieces.suits(cut):
+        model = by_pieces.Columns(speed, deepest, tip, cut, order, tolerance, progress)
+        known = (np.empty(0, int), np.empty(0)) if cut.wind else model.flips()
+    else:
+        known = (np.empty(0, int), np.empty(0)) if cut.wind else _flips(speed, tip, cut, deepest, orders)
+        model = _Multipliers(speed, orders, tip, cut, progress)
     found = crossings_in_columns(model, len(speed), deepest, depths, known, depth_tolerance)
     return _crossings(speed, found.column, found.depth, found.kind, found.multiplier, found.loses, tip, cut, orders)
 
@@ -351,6 +366,8 @@ def chatter_frequency(
     from millcal.physics.stability.floquet_kernel import loudest
 
     speed, depth = np.asarray(spindle_speed, float), np.asarray(depth, float)
+    if by_pieces.suits(cut):
+        return by_pieces.frequencies(speed, depth, np.asarray(multiplier, complex), tip, cut, TOLERANCE)
     found = np.empty(len(speed))
 
     def run(problem, chosen: np.ndarray, force: np.ndarray) -> None:
