@@ -43,6 +43,7 @@ PER_WAVE = 40  # steps to the shortest wave of the tip
 IN_CUT = 40  # steps of a tooth in cut, at least
 LEAST = 200  # steps of a revolution
 LAG = 2  # steps that the edge of one slice lags, at most
+ACROSS = 0.3  # of the largest sine of the angle: where the feed is seen in the chip
 GRIP = 0.5  # of the cut on the flexibility: beyond, rounds of force and deflection do not settle
 
 
@@ -70,6 +71,7 @@ class Strobed(NamedTuple):
 
     displacement: np.ndarray  # x and y, (cut, phase, flash, 2) m
     per_revolution: int  # flashes: the teeth, or fewer where the teeth are not alike
+    astray: np.ndarray  # the surface from the feed, in the revolutions looked at and as a share of it, at most, (cut,)
     revolutions: np.ndarray  # how many were run, integer (cut,)
     steps: int  # of time, of all cuts together
 
@@ -163,13 +165,15 @@ def simulate_points(
 
     spindle_speed, depth : (cut,) rad/s, m   kept : revolutions at the end that are looked at
     phases : of the period, evenly spread
+    In a cut that repeats the surface advances by the feed at every angle: `astray` is 0. It is not where the tip has swung so
+    far that it dug out what the passes after it should have cut.
     undecided : asked with the samples of one cut, (phase, flash, 2) m, whether as many more revolutions as are kept are wanted
     most : revolutions of one cut, at most   progress : told the share of the cuts that is done
     """
     speeds, depths = np.broadcast_arrays(np.asarray(spindle_speed, float), np.asarray(depth, float))
     per_revolution = flashes_per_revolution(cut, (0.0, 0.0) if linear else runout)
     found = np.empty((speeds.size, phases, kept * per_revolution, 2))
-    ran = np.empty(speeds.size, int)
+    ran, astray = np.empty(speeds.size, int), np.empty(speeds.size)
     total = 0
     driven = _Driven(feed_per_tooth, kte, kre, runout)
     for i, (speed, b) in enumerate(zip(speeds.ravel(), depths.ravel(), strict=True)):
@@ -179,15 +183,25 @@ def simulate_points(
         flash = np.arange(per_revolution)[:, np.newaxis] + np.arange(phases) / phases  # in periods
         sampled = np.floor(flash.ravel() * steps / per_revolution + 1e-9).astype(int)
         run = _start(float(speed), float(b), tip, cut, driven, steps, slices, kick, linear, sampled)
-        rows = run.forward(revolutions, kept)
+        run.forward(revolutions - kept, 0)
         while True:
+            surface = run.surface.copy()
+            rows = run.forward(kept, kept)
             samples = rows[..., :2].reshape(kept * per_revolution, phases, 2).transpose(1, 0, 2)
             if undecided is None or run.gone + kept > most or not undecided(samples):
                 break
-            rows = run.forward(kept, kept)
-        found[i], ran[i] = samples, run.gone
+        found[i], ran[i], astray[i] = samples, run.gone, _astray(run, surface, kept)
         total += run.gone * steps
-    return Strobed(found, per_revolution, ran, total)
+    return Strobed(found, per_revolution, astray, ran, total)
+
+
+def _astray(run: "_Run", surface: np.ndarray, revolutions: int) -> float:
+    """How far the surface has come in some revolutions, beside the feed across it, where that differs most; nan without a feed."""
+    sine = np.where(run.entries.width > 0, run.entries.sine, 0.0)
+    across = sine > ACROSS * sine.max()
+    if run.edge.linear or not run.travel > 0 or not across.any():
+        return np.nan
+    return float(np.max(np.abs((run.surface - surface)[across] / (run.travel * revolutions * sine[across]) - 1)))
 
 
 @dataclass

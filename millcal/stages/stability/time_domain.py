@@ -8,6 +8,10 @@ judged at 1 um; there is no noise here, and a stiff tool that chatters may move 
 transients die slowly: a change that falls as a power does, within what was looked at (`numerics.periodicity`) or from one such
 stretch to the next, is taken to die, and one that falls otherwise is run on, five times as long at most.
 
+Far beyond the limit a tip may swing so wide that it digs out what the next hundreds of passes should cut, and then rest: in
+the air, or cutting with what is left of its arc, which may well be stable. So a cut that repeats is stable only if the surface
+has gone with the feed at every angle, as it does in every steady cut.
+
 The limit of a speed lies between two depths of the grid of which one chatters and the other does not, and is found by halving.
 What the simulation knows beyond a multiplier, and why limits may differ from it by more than a halving:
 - Cuts that chatter once disturbed, though a small wave dies, because teeth leave the cut. The start from rest with the whole
@@ -34,7 +38,7 @@ from millcal.physics.stability.regeneration import FLIP, HOPF, Crossings, Regene
 from millcal.physics.stability.time_domain import flashes_per_revolution, simulate_cut, simulate_points, steps_for
 
 REPEATS = 1e-4  # of the feed per tooth: change from flash to flash up to which a cut repeats
-NO_MOTION = 1e-9  # of the feed: no force that a chip makes moves a tip so little
+ASTRAY = 0.5  # of the feed: a surface that has come less far, or farther, was dug out
 LOCKED = 0.05  # of the change over one period: what may be left over n of them, where a cut repeats after n ..
 NEARLY = 0.01  # .. and of the feed per tooth: it may still be on its way there
 FLASHES = 200  # looked at, after as many that are not
@@ -73,6 +77,7 @@ class _Outcome(NamedTuple):
     doubled: bool  # the change over two periods is far less than over one
     hidden: bool  # chatter that repeats every revolution, as runout does
     decided: bool
+    dug: bool  # the tip has dug out what it should cut now, or later
 
 
 def crossings_in_time(
@@ -209,13 +214,13 @@ def _simulated(what: _Cut, speed: float, depth: float) -> _Outcome:
     outcome = _at_steps(what, speed, depth, None)
     steps = steps_for(speed, depth, what.tip, what.cut)
     for _ in range(FINER):
-        if outcome.period == 1 or not outcome.metric < GRAIN * what.feed_per_tooth:
+        if outcome.period == 1 or outcome.dug or not outcome.metric < GRAIN * what.feed_per_tooth:
             return outcome
         steps *= 2
         before, outcome = outcome, _at_steps(what, speed, depth, steps)
         if outcome.metric > STAYS * before.metric:
             return outcome
-    return outcome._replace(period=1) if outcome.period != 1 and not outcome.hidden else outcome
+    return outcome if outcome.hidden or outcome.dug else outcome._replace(period=1)
 
 
 def _at_steps(what: _Cut, speed: float, depth: float, steps: int | None) -> _Outcome:
@@ -247,7 +252,8 @@ def _at_steps(what: _Cut, speed: float, depth: float, steps: int | None) -> _Out
     elif period != 1:
         locked = np.flatnonzero(found.lasting <= min(LOCKED * found.change[0], NEARLY * what.feed_per_tooth))
         period = int(locked[0]) + 1 if len(locked) else 0
-    if period == 1 and _cuts_nothing(samples, what.feed_per_tooth):
+    dug = bool(strobed.astray[0] > ASTRAY)
+    if dug:
         period = 0
     if 1 < each < what.cut.teeth and period > 1:  # a pattern of pitches that repeats within a revolution
         period = period // each if period % each == 0 and period > each else 0
@@ -258,7 +264,7 @@ def _at_steps(what: _Cut, speed: float, depth: float, steps: int | None) -> _Out
     ended = int(strobed.revolutions[0]) + kept > 2 * LONGER * kept
     decided = period == 1 or not ended or levels[-1] >= FALLS * levels[-2]
     doubled = bool(found.change[1] <= LOCKED * found.change[0])
-    return _Outcome(period, float(found.change[0]), samples, doubled, hidden, decided)
+    return _Outcome(period, float(found.change[0]), samples, doubled, hidden, decided, dug)
 
 
 def _between(
@@ -285,17 +291,6 @@ def _dies_out(levels: list[float]) -> bool:
     bend = steps[0] - steps[1]
     rest = last - steps[1] ** 2 / bend if bend > 0 else last  # Aitken: where a power tends to
     return bool(ratios.max() < FALLS and np.ptp(ratios) < EVEN * (1 - ratios.mean()) and rest < RESTS * last)
-
-
-def _cuts_nothing(samples: np.ndarray, feed_per_tooth: float) -> bool:
-    """Whether the tip comes to rest where no force is left: it has dug in once, and the surface is out of reach ever since.
-
-    A stable cut goes on being pushed, so that its motion tends to something.   samples : (phase, flash, 2)
-    """
-    size = np.abs(samples).max(axis=(0, 2))
-    quarter = len(size) // 4
-    first, last = size[:quarter].max(), size[-quarter:].max()
-    return bool(not last > 0.5 * first or last < NO_MOTION * feed_per_tooth)
 
 
 def _rows(samples: np.ndarray) -> np.ndarray:

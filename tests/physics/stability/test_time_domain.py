@@ -291,6 +291,29 @@ def test_a_cut_is_run_on_as_long_as_it_is_undecided():
     assert np.array_equal(seen.displacement, at_once.displacement)
 
 
+@pytest.mark.parametrize(
+    ("cut", "runout"),
+    [
+        (milling(2, 0.3, "up"), (0.0, 0.0)),
+        (milling(3, 1.0, "up", wind=40.0), (5e-6, -8e-6)),
+        (milling(3, 0.4, "down", pitch=pitches(110.3, 121.9, 127.8)), (0.0, 0.0)),
+        (milling(2, 0.05, "down"), (60e-6, 0.0)),
+    ],
+    ids=["plain", "helix and runout", "unequal pitch", "one of two teeth cuts for both"],
+)
+def test_in_a_stable_cut_the_surface_goes_with_the_feed(cut, runout):
+    """Whatever the deflection, the motion repeats every revolution, and so does the surface but for the feed."""
+    seen = simulate_points([9000 * RPM], [0.05e-3], ONE, cut, feed_per_tooth=1e-4, kte=10e3, kre=8e3, runout=runout)
+    assert seen.astray < 1e-5
+
+
+def test_a_tip_that_has_dug_in_leaves_a_surface_that_does_not_follow():
+    seen = simulate_points([14_000 * RPM], [3.3e-3], ISOTROPIC, milling(2, 0.5, "up"), feed_per_tooth=2e-4)
+    assert seen.astray > 0.9
+    waves = simulate_points([9000 * RPM], [0.3e-3], ONE, milling(2, 0.3, "up"), feed_per_tooth=1e-4, linear=True)
+    assert np.isnan(waves.astray)  # there is no feed to follow
+
+
 def test_a_tip_that_gives_way_within_a_step_is_refused():
     soft = replace(ONE, flexibility=np.diag([1e-6, 1e-6]))
     with pytest.raises(IllPosedError, match="flexibility"):

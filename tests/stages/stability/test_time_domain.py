@@ -181,3 +181,27 @@ def test_what_only_the_steps_do_not_repeat_is_no_chatter():
     assert np.all(floquet.spectral_radius(speed, depth, tip, cut) < 0.95)
     found, _ = simulated_cuts(tip, cut, speed, depth, feed_per_tooth=0.1e-3, kte=14e3, kre=17e3)
     assert found.period.tolist() == [1, 1]
+
+
+AB603 = tip_of_modes([Mode(603.0, 0.039, 5.59e6, "x"), Mode(666.0, 0.035, 5.715e6, "y")])
+BOTH = tip_of_shapes([922.0, 922.0], [0.011, 0.011], np.eye(2) / np.sqrt(0.03993))
+DUG_IN = [  # tip, teeth, share of the diameter, direction, ktc, krc, rpm, depth mm, feed per tooth m, kte: 3 to 10 times the limit
+    pytest.param(AB603, 4, 1.0, "down", 600e6, 42e6, 6411.314, 5.904263964, 1e-4, 20e3, id="back after a rest"),
+    pytest.param(AB603, 3, 1.0, "up", 600e6, 42e6, 14139.898, 9.748507920, 2e-4, 0.0, id="in the air"),
+    pytest.param(BOTH, 1, 0.3, "down", 600e6, 200e6, 9261.342, 9.491466708, 3e-5, 20e3, id="on a part of its arc"),
+    pytest.param(AB603, 1, 0.3, "up", 600e6, 42e6, 9656.47, 79.55891939, 1e-4, 0.0, id="ringing down"),
+    pytest.param(BOTH, 2, 0.5, "up", 600e6, 200e6, 14033.026, 3.315401030, 2e-4, 0.0, id="touching again"),
+]
+
+
+@pytest.mark.parametrize(("tip", "teeth", "share", "direction", "ktc", "krc", "rpm", "depth", "feed", "kte"), DUG_IN)
+def test_a_tip_that_has_dug_out_what_it_should_cut_is_not_stable(
+    tip, teeth, share, direction, ktc, krc, rpm, depth, feed, kte
+):
+    """The motion repeats, or changes by less and less with finer steps, because nothing is cut where much was cut before."""
+    swept = np.arccos(1 - 2 * share)
+    entry, leave = (0.0, swept) if direction == "up" else (np.pi - swept, np.pi)
+    cut, point = Regeneration(teeth, entry, leave, ktc, krc), (np.array([rpm * RPM]), np.array([depth * 1e-3]))
+    assert floquet.spectral_radius(*point, tip, cut)[0] > 1.5
+    found, _ = simulated_cuts(tip, cut, *point, feed_per_tooth=feed, kte=kte, kre=kte / 2)
+    assert found.period[0] != 1
