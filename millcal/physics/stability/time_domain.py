@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 PER_WAVE = 40  # steps to the shortest wave of the tip
 IN_CUT = 40  # steps of a tooth in cut, at least
 LEAST = 200  # steps of a revolution
+BETWEEN = 5  # steps from a tooth to the next, at least: the cubic takes from four
 LAG = 2  # steps that the edge of one slice lags, at most
 ACROSS = 0.3  # of the largest sine of the angle: where the feed is seen in the chip
 GRIP = 0.5  # of the cut on the flexibility: beyond, rounds of force and deflection do not settle
@@ -80,7 +81,13 @@ def steps_for(spindle_speed: float, depth: float, tip: TipModes, cut: Regenerati
     """Steps of a revolution that resolve the waves of the tip, which the cut makes stiffer, and the passage of a tooth."""
     stiffer = depth * np.hypot(cut.ktc, cut.krc) * np.sum(_participation(tip))
     highest = np.sqrt(np.max(np.abs(tip.pole), initial=0.0) ** 2 + stiffer)
-    wanted = max(PER_WAVE * highest / spindle_speed, IN_CUT * 2 * np.pi / (cut.leave - cut.entry), LEAST)
+    closest = 2 * np.pi / cut.teeth if cut.pitch is None else min(cut.pitch)
+    wanted = max(
+        PER_WAVE * highest / spindle_speed,
+        IN_CUT * 2 * np.pi / (cut.leave - cut.entry),
+        BETWEEN * 2 * np.pi / closest,
+        LEAST,
+    )
     return int(np.ceil(wanted / cut.teeth)) * cut.teeth
 
 

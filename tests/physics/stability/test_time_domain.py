@@ -314,6 +314,21 @@ def test_a_tip_that_has_dug_in_leaves_a_surface_that_does_not_follow():
     assert np.isnan(waves.astray)  # there is no feed to follow
 
 
+def test_two_teeth_side_by_side_get_steps_between_them_and_cut_as_one():
+    """Where the second meets what the first has just left, the cutter is one of a single tooth."""
+    both = simulate_cut(
+        9000 * RPM,
+        0.2e-3,
+        ONE,
+        milling(2, 0.9, "down", pitch=pitches(2.0, 358.0)),
+        feed_per_tooth=0.1e-3,
+        revolutions=60,
+    )
+    lone = simulate_cut(9000 * RPM, 0.2e-3, ONE, milling(1, 0.9, "down"), feed_per_tooth=0.2e-3, revolutions=60)
+    sway = [np.ptp(history.displacement[0, -history.steps_per_revolution :]) for history in (both, lone)]
+    assert sway[0] == pytest.approx(sway[1], rel=0.1)
+
+
 def test_a_tip_that_gives_way_within_a_step_is_refused():
     soft = replace(ONE, flexibility=np.diag([1e-6, 1e-6]))
     with pytest.raises(IllPosedError, match="flexibility"):
