@@ -691,6 +691,8 @@ class CutTests(Record):
     spindle_speed: np.ndarray = array("rad/s", "test")
     axial_depth: np.ndarray = array("m", "test")
     stable: np.ndarray = array("1", "test")  # 1 stable, 0 chatter
+    # 1 stable, 0 chatter by the map at the speed of the cut, nan outside the map; None: not held against one
+    stable_by_map: np.ndarray | None = array("1", "test", optional=True)
     name: str = ""  # file they came from
 
 

@@ -1,6 +1,7 @@
 """The maps of other methods beside the one that was asked for: `millcal stability --compare`."""
 
 from collections.abc import Callable, Mapping
+from itertools import pairwise
 from typing import Any
 
 from millcal.cli.stability_input import METHODS, OF_MODES, why_not
@@ -47,12 +48,17 @@ def other_maps(
 
 
 def _coarse(found: Any) -> dict[str, Any]:
-    """Round speeds alone, for a method that is slow."""
-    from millcal.io.stability_readable import round_speeds
+    """Some speeds of the map alone, for a method that is slow: the round ones, or where these are no even part of it every nth.
+
+    They are speeds of the map to the last digit but one, for beside a lobe the limit of a neighbour is another.
+    """
+    from millcal.io.stability_readable import ROUND_SPEEDS, round_speeds
     from millcal.units import to_shop
 
     speeds = found.spindle_speed
     shown = round_speeds(to_shop(speeds, "x_rpm"))
+    if len(shown) < 2 or len({after - before for before, after in pairwise(shown)}) > 1:
+        shown = list(range(0, len(speeds), -(-len(speeds) // ROUND_SPEEDS)))
     if len(shown) < 2:
         shown = [0, len(speeds) - 1]
     return {"spindle_speed": (float(speeds[shown[0]]), float(speeds[shown[-1]])), "points": len(shown)}

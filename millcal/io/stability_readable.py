@@ -41,14 +41,20 @@ def stability_brief(found: StabilityMap) -> str:
 
 
 def compared_text(maps: Sequence[StabilityMap]) -> str:
-    """Methods side by side at round speeds, and where they disagree.   maps : the first is what others are held against"""
+    """Methods side by side at the round speeds of the coarsest map, and where they disagree.
+
+    maps : the first is what others are held against
+    """
     fewest = min((found.spindle_speed for found in maps), key=len)
     rpm = fewest * 60 / (2 * np.pi)
-    s = compared(maps, [fewest[i] for i in round_speeds(rpm)])
+    s = compared(maps, fewest if len(fewest) <= ROUND_SPEEDS else [fewest[i] for i in round_speeds(rpm)])
     rows = []
     for entry in s["limit"]:
         shown = []
         for name in s["methods"]:
+            if name not in entry:  # not solved at this speed
+                shown.append("")
+                continue
             kind = entry[name]["kind"]
             shown.append(cell(entry[name]["ap_mm"]) + ("" if kind in (None, "hopf") else f" {kind}"))
         rows.append((round(entry["rpm"]), *shown))

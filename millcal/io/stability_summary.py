@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from millcal.data import BestSpeed, OperatingPoint, SimulatedCuts, StabilityMap
+from millcal.data import BestSpeed, CutTests, OperatingPoint, SimulatedCuts, StabilityMap
 from millcal.io.parameter_summary import known, shop
 from millcal.physics.stability.regeneration import KINDS
 from millcal.units import to_shop
 
+SAME = 1e-9  # share of a speed: one is another but for rounding
 DISAGREE = 0.1  # of the limit: methods that differ by more are told apart
 
 
@@ -42,24 +43,29 @@ def summarise_stability(found: StabilityMap) -> dict[str, Any]:
             "p_stable": np.round(found.probability, 4).tolist(),
         }
     if found.tests is not None:
-        told["tests"] = _tests(found)
+        told["tests"] = _tests(found.tests)
     if found.simulated is not None:
         told["simulated"] = _simulated(found.simulated)
     return told
 
 
 def compared(maps: Sequence[StabilityMap], speeds: Sequence[float]) -> dict[str, Any]:
-    """Limits of several methods side by side, and how far each is from the first.
+    """Limits of several methods side by side, and how far each is from the first, each at that very speed.
 
-    maps : of the same cut, the first is what the others are held against   speeds : rad/s, those to show
+    maps : of the same cut, the first is what the others are held against   speeds : rad/s, those to show; a map without such
+    a speed is left out of its row
     """
     rows = []
     for speed in speeds:
-        row: dict[str, Any] = {"rpm": shop(speed, "x_rpm")}
-        for found in maps:
-            i = nearest(found.spindle_speed, speed)
-            row[found.method] = {"ap_mm": shop(found.limit_depth[i], "ap_mm"), "kind": kind_name(found.limit_kind[i])}
-        rows.append(row)
+        at = [column_at(found.spindle_speed, speed) for found in maps]
+        rows.append(
+            {"rpm": shop(speed, "x_rpm")}
+            | {
+                found.method: {"ap_mm": shop(found.limit_depth[i], "ap_mm"), "kind": kind_name(found.limit_kind[i])}
+                for found, i in zip(maps, at, strict=True)
+                if i is not None
+            }
+        )
     return {
         "methods": [found.method for found in maps],
         "against": maps[0].method,
@@ -69,13 +75,13 @@ def compared(maps: Sequence[StabilityMap], speeds: Sequence[float]) -> dict[str,
 
 
 def _difference(one: StabilityMap, other: StabilityMap) -> dict[str, Any]:
-    """How far the first limit of another method is from that of one, at the speeds of the coarser map; deep ones cut off."""
-    speeds = min(one.spindle_speed, other.spindle_speed, key=len)
+    """How far the first limit of another method is from that of one, at the speeds that both have; deep ones cut off."""
+    at = [column_at(one.spindle_speed, speed) for speed in other.spindle_speed]
+    own = np.array([i for i in at if i is not None], int)
+    others = np.array([j for j, i in enumerate(at) if i is not None], int)
+    speeds = one.spindle_speed[own]
     deepest = min(one.deepest, other.deepest)
-    limits = [
-        np.minimum([found.limit_depth[nearest(found.spindle_speed, speed)] for speed in speeds], deepest)
-        for found in (one, other)
-    ]
+    limits = [np.minimum(one.limit_depth[own], deepest), np.minimum(other.limit_depth[others], deepest)]
     bounded = np.isfinite(limits[0]) & np.isfinite(limits[1])
     told = {"method": other.method, "speeds": len(speeds), "rpm": None, "ratio": None, "median": None, "beyond": 0}
     if not bounded.any():
@@ -95,17 +101,10 @@ def kind_name(kind: float) -> str | None:
     return None if kind < 0 else KINDS[int(kind)]
 
 
-def nearest(speeds: np.ndarray, speed: float) -> int:
-    """Which of the speeds of a map is the nearest."""
-    return int(np.argmin(np.abs(speeds - speed)))
-
-
-def unstable_multipliers(found: StabilityMap, speed: float, depth: float) -> int:
-    """How many multipliers lie outside the unit circle at a depth, at the nearest speed of the map: 0 is stable."""
-    at = found.spindle_speed[nearest(found.spindle_speed, speed)]
-    below = np.isclose(found.crossing_speed, at, rtol=1e-9) & (found.crossing_depth <= depth)
-    several = np.where(found.crossing_kind[below] == KINDS.index("hopf"), 2, 1)
-    return int(np.sum(np.where(found.crossing_loses[below] > 0, several, -several)))
+def column_at(speeds: np.ndarray, speed: float) -> int | None:
+    """Which of the speeds of a map is that speed, None where none is: of another the limit may be quite another."""
+    nearest = int(np.argmin(np.abs(speeds - speed)))
+    return nearest if abs(speeds[nearest] - speed) <= SAME * speed else None
 
 
 def _limits(found: StabilityMap) -> list[dict[str, Any]]:
@@ -175,19 +174,17 @@ def _operating(point: OperatingPoint) -> dict[str, Any]:
     }
 
 
-def _tests(found: StabilityMap) -> dict[str, Any]:
-    tests = found.tests
-    assert tests is not None
+def _tests(tests: CutTests) -> dict[str, Any]:
+    """Each cut with what the map says of it, as the stage has found at its own speed; outside the map that is nothing."""
+    by_map = np.full(len(tests.stable), np.nan) if tests.stable_by_map is None else tests.stable_by_map
     cuts = []
-    for speed, depth, stable in zip(tests.spindle_speed, tests.axial_depth, tests.stable, strict=True):
-        inside = found.spindle_speed[0] <= speed <= found.spindle_speed[-1] and depth <= found.deepest
-        mapped = unstable_multipliers(found, speed, depth) <= 0 if inside else None
+    for speed, depth, stable, mapped in zip(tests.spindle_speed, tests.axial_depth, tests.stable, by_map, strict=True):
         cuts.append(
             {
                 "rpm": shop(speed, "x_rpm"),
                 "ap_mm": shop(depth, "ap_mm"),
                 "stable": bool(stable),
-                "stable_by_map": mapped,
+                "stable_by_map": None if np.isnan(mapped) else bool(mapped),
             }
         )
     on_map = [cut for cut in cuts if cut["stable_by_map"] is not None]

@@ -369,6 +369,22 @@ def test_methods_side_by_side_where_four_teeth_cut_all_the_way_agree(run, tmp_pa
     assert "not-compared" not in err  # that there is no FRF to take is a note
 
 
+def test_every_method_stands_beside_the_others_at_one_speed(run):
+    """A step of 266.7 rpm: the slow method takes every third speed of the map, and each row holds them all."""
+    asked = ["--direction", "slot", "--rpm", "6000", "14000", "--points", "31", "--method", "floquet", "--compare"]
+    code, out, _ = run(*COEFFICIENTS, "--setup", "setup.toml", *asked, "-o", "map.h5", "--json")
+    assert code == 0
+    result = json.loads(out)["result"]
+    limits = {entry["rpm"]: entry["crossings"][0]["ap_mm"] for entry in result["limit"] if entry["crossings"]}
+    rows = result["compared"]["limit"]
+    assert len(rows) == 11
+    for row in rows:
+        at = min(limits, key=lambda rpm: abs(rpm - row["rpm"]))
+        assert at == pytest.approx(row["rpm"], rel=1e-9)
+        assert row["floquet"]["ap_mm"] == limits[at]
+        assert row["time-domain"]["ap_mm"] == pytest.approx(limits[at], rel=0.03)
+
+
 def test_an_frf_and_its_modes_may_stand_side_by_side_alone(run):
     code, _, err = run(*COEFFICIENTS, "--frf", "a.h5", "--modes", "b.h5", "--setup", "cutter.toml", "-o", "map.h5")
     assert code == 2

@@ -84,7 +84,7 @@ def stability_map(rng):
         operating=OperatingPoint(700.0, 1.2e-3, 1e-3, False, "hopf", 810.0, (8e-4, np.inf), 0.1, (np.inf, 30.0), ("less µ",)),
         tests=CutTests(
             spindle_speed=np.array([600.0, 800.0]), axial_depth=np.array([1e-3, 1.6e-3]), stable=np.array([1.0, 1.0]),
-            name="cuts é.csv",
+            stable_by_map=np.array([1.0, 0.0]), name="cuts é.csv",
         ),
         simulated=SimulatedCuts(
             spindle_speed=np.array([600.0, 800.0, 800.0]), axial_depth=np.array([1e-3, 1.6e-3, 2.6e-3]),

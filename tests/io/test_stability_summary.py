@@ -11,7 +11,7 @@ import pytest
 from millcal.data import BestSpeed, OperatingPoint, StabilityMap
 from millcal.io.readable import text_of
 from millcal.io.stability_readable import compared_text
-from millcal.io.stability_summary import compared, unstable_multipliers
+from millcal.io.stability_summary import compared
 from millcal.io.stability_table import stability_table
 from millcal.io.summaries import summarise
 
@@ -54,8 +54,6 @@ def test_an_island_of_stable_depths_above_the_first_limit_is_told(make_record):
     kinds = [(c["kind"], c["ap_mm"], c["loses"]) for c in summarise(found)["limit"][3]["crossings"]]
     assert kinds == [("flip", 1.5, True), ("flip", pytest.approx(1.8), False), ("hopf", 2.5, True)]
     assert "1.800 to 2.500" in text_of(found)
-    depths = np.array([1.4, 1.6, 2.0, 2.6]) * 1e-3
-    assert [unstable_multipliers(found, 800.0, depth) for depth in depths] == [0, 1, 0, 2]
 
 
 def test_the_lobe_of_a_crossing_is_its_whole_waves_between_two_teeth(make_record):
@@ -64,6 +62,15 @@ def test_the_lobe_of_a_crossing_is_its_whole_waves_between_two_teeth(make_record
     assert first["lobe"] == found.lobe[3]  # as the method has counted
     for crossing in above:
         assert crossing["lobe"] == int(crossing["chatter_hz"] * 2 * np.pi / (found.teeth * 800.0))
+
+
+def test_what_the_map_says_of_a_test_cut_is_read_off_the_record(make_record):
+    """At the speed of the cut, which is none of the map's: by its nearest column this cut chatters."""
+    found = make_record("stability_map")
+    beside = replace(found.tests, spindle_speed=np.array([600.0, 790.0]), stable_by_map=np.array([1.0, 1.0]))
+    told = summarise(replace(found, tests=beside))["tests"]
+    assert [cut["stable_by_map"] for cut in told["cuts"]] == [True, True]
+    assert (told["on_map"], told["as_mapped"]) == (2, 2)
 
 
 def test_test_cuts_are_held_against_the_map(make_record):
@@ -100,8 +107,8 @@ def test_one_of_a_thing_is_said_as_one(make_record):
     found = make_record("stability_map")
     assert ", 1 tooth, " in text_of(zoa_map(teeth=1))
     assert ", 2 teeth, " in text_of(zoa_map())
-    for rpm, says in (([700.0, 1e5], "1 lies outside"), ([1e5, 1e5], "2 lie outside")):
-        tests = replace(found.tests, spindle_speed=np.array(rpm))
+    for by_map, says in (([1.0, np.nan], "1 lies outside"), ([np.nan, np.nan], "2 lie outside")):
+        tests = replace(found.tests, stable_by_map=np.array(by_map))
         assert f"  {says} the map" in text_of(replace(found, tests=tests))
 
 
@@ -164,6 +171,18 @@ def test_methods_side_by_side_say_how_far_they_differ_and_where():
     said = compared_text([one, other])
     assert "0.4000 flip" in said
     assert "most at 6000 rpm: 2.5 times less deep" in said
+
+
+def test_methods_are_set_side_by_side_at_one_speed_and_never_at_a_neighbours():
+    one, other = zoa_map((2e-3, 1e-3)), zoa_map((2e-3, 4e-4), method="floquet")
+    other = replace(other, spindle_speed=np.array([3000 * RPM, 6010 * RPM]))
+    told = compared([one, other], one.spindle_speed)
+    assert "floquet" in told["limit"][0]
+    assert "floquet" not in told["limit"][1]
+    (difference,) = told["difference"]
+    assert (difference["speeds"], difference["beyond"]) == (1, 0)
+    assert difference["ratio"] == pytest.approx(1)
+    assert "more than 10 % at 0 of 1 speeds" in compared_text([one, other])
 
 
 def test_no_limit_is_as_deep_as_was_looked():

@@ -195,7 +195,8 @@ def map_stability(
         what = "nothing is known to be uncertain, so there is no probability to map"
         notices.append(Notice("no-probability", what, "stability.probability"))
     if tests is not None:
-        notices += held_against(tests, speeds, chosen, cut)
+        tests, told = held_against(tests, speeds, chosen, cut)
+        notices += told
     simulated = solution.simulated
     if simulate is not None:
         simulated, told = simulated_over(

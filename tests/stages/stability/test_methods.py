@@ -7,6 +7,7 @@ import pytest
 
 from millcal.data import CutTests, Modes, Posterior
 from millcal.errors import IllPosedError
+from millcal.io.summaries import summarise
 from millcal.physics.stability import floquet
 from millcal.physics.stability.regeneration import FLIP, HOPF, Regeneration, tip_of_modes
 from millcal.physics.stability.stable_depths import edge_table, edges_of, is_stable
@@ -238,8 +239,13 @@ def test_cuts_made_are_held_against_the_map():
         name="cuts.csv",
     )
     seen = map_stability(ONE, (KTC, KRC), **CUT, method="floquet", points=5, tests=made)
-    blind = map_stability(ONE, (KTC, KRC), **CUT, points=5, tests=made)
+    blind = map_stability(ONE, (KTC, KRC), **CUT, method="zoa", points=5, tests=made)
     assert [n.message for n in seen.notices if n.code == "tests"] == ["3 of 3 test cuts went as the map says"]
+    np.testing.assert_array_equal(
+        seen.tests.stable_by_map, [1, 0, 1]
+    )  # no speed of the map is within 1000 rpm of theirs
+    assert summarise(seen)["tests"]["as_mapped"] == 3
+    np.testing.assert_array_equal(blind.tests.stable_by_map, [1, 1, 1])
     (told,) = (n.message for n in blind.notices if n.code == "tests")
     assert told.startswith("2 of 3")
     assert "7500 rpm 2.1 mm chattered" in told
