@@ -15,6 +15,7 @@ from millcal.numerics.spectra import Cycle
 MOST_SAMPLES = 1 << 22  # of which the spectrum is taken
 FIRST_LOOK = 48  # periods; longer stretches follow, four times as long each
 CAP = 6.0  # log of the power over the surroundings: beyond, a harmonic counts no more
+SKIRT, LINES_OF_SKIRT = 0.05, 8  # of the highest within so many lines: below, it is the foot of that one
 NEAR_STATED = 0.2  # of the span: standard deviation of what is stated
 STANDS_OUT = 20.0  # power over the surroundings from which a harmonic is timed
 
@@ -46,7 +47,7 @@ def comb_cycle(
         steps = int(np.ceil(reach * K * size * 4))
         trial = cycle + reach * np.arange(-steps, steps + 1) / max(steps, 1)
         place = np.clip(np.rint(np.multiply.outer(trial, order) * bins).astype(int), 0, above.shape[1] - 1)
-        score = np.minimum(np.log(np.maximum(above, 1.0)), CAP)[:, place].sum(axis=0) @ weight
+        score = _stands(power, above, round(bins / size))[:, place].sum(axis=0) @ weight
         score -= 0.5 * ((trial - stated) / (NEAR_STATED * span * stated)) ** 2
         cycle = float(trial[np.argmax(score)])
         if size == length:
@@ -74,6 +75,17 @@ def _above_surroundings(power: np.ndarray, width: int) -> np.ndarray:
     middle = (edges[:-1] + edges[1:] - 1) / 2
     floor = np.array([np.interp(np.arange(power.shape[1]), middle, row) for row in level])
     return power / np.maximum(floor, 1e-300 + 1e-20 * power.max(axis=1, keepdims=True))
+
+
+def _stands(power: np.ndarray, above: np.ndarray, half: int) -> np.ndarray:
+    """What each bin counts: the log of what it stands above its surroundings, but nothing on the skirt of a higher one, which
+    without noise would stand there as well.   half : bins from one line to the next
+    """
+    from scipy.ndimage import maximum_filter1d
+
+    highest = maximum_filter1d(power, 2 * LINES_OF_SKIRT * half + 1, axis=1)
+    counts = np.minimum(np.log(np.maximum(above, 1.0)), CAP)
+    return np.where(power < SKIRT * highest, 0.0, counts)
 
 
 def _timed(

@@ -37,6 +37,7 @@ from millcal.stages.judge.verdict import HIGHEST, MUCH, WITH_COMPANY, WITH_MUCH,
 __all__ = ["judge_cut"]
 
 MOST_CHANNELS = 6
+FEWEST_PER_TOOTH = 2.1  # samples
 HARMONICS = 6  # of the tooth passing, by which a wandering speed is followed
 TOLD = 0.005  # share of the power of a tone that is not the cut's, from which it is told
 SEEN_UP_TO = 0.45  # of the sample rate
@@ -199,10 +200,10 @@ def _stated(recording: Recording, teeth: int | None, spindle_speed: float | None
     if not spindle_speed > 0 or teeth < 1:
         raise RecordingError(f"{where}: {teeth} teeth at {spindle_speed:g} rad/s are no cut; check teeth and speed")
     frequency = spindle_speed / (2 * np.pi)
-    if recording.sample_rate < 4 * teeth * frequency:
+    if recording.sample_rate < FEWEST_PER_TOOTH * teeth * frequency:
         raise RecordingError(
-            f"{where}: {recording.sample_rate:g} samples per second are fewer than 4 per tooth at {60 * frequency:g} rpm; "
-            "check the sample rate and the speed"
+            f"{where}: {recording.sample_rate:g} samples per second are fewer than {FEWEST_PER_TOOTH:g} per tooth at "
+            f"{60 * frequency:g} rpm and do not show the tooth passing; check the sample rate and the speed"
         )
     return teeth, frequency
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from millcal.data import Recording
 from millcal.errors import RecordingError
-from millcal.numerics import spectra
 from millcal.numerics.revolutions import Samples, Survey, longest, stretches, survey_record
+from millcal.stages.judge.air import turns_of_the_cut
 
 Note = Callable[..., None]  # takes code, sentence and level of a notice
 
@@ -22,11 +22,10 @@ QUANTITIES = (
 )  # the first that is there is judged
 PATH = "path"  # dof of a channel that says where the tool is on its path
 MOST_SAMPLES = 1 << 22  # of a channel, that are judged
-HARMONICS, ORDERS = 2, 4  # of the teeth, and of the spindle if these are more, that tell the cut from the air
-FRAME = 8  # turns of one spectrum
-PARTED = 2.5  # times as strong they are in the cut, in the mean of either
+FRAME, SHORTEST_FRAME = 8, 2  # turns of one spectrum
+FRAMES = 6  # that a short record should hold
+LARGEST_TRIM = 8  # of the cut, at either end: one part in so many
 WEAK = 0.4  # of the usual strength: at an end of the cut that is air
-FOLLOWS = 0.3  # share of the power in them, from which it is no air
 BRIDGE = 3  # revolutions
 FEWEST = 3  # revolutions
 STILL = 4  # samples in a row at the same extreme value
@@ -92,8 +91,9 @@ def cutting_stretch(
         )
     if not np.nanmax(strength) > 0:
         raise RecordingError(f"{where}: the signal never changes; check the channel")
-    cut = _of_the_cut(strength, *_of_the_teeth(reader(recording, rows), survey, cycle, teeth))
-    found = longest(stretches(cut, bridge=BRIDGE))
+    frame = int(np.clip(len(strength) // FRAMES, SHORTEST_FRAME, FRAME))
+    cut = turns_of_the_cut(reader(recording, rows), survey, cycle, teeth, frame)
+    found = longest(stretches(cut, bridge=max(BRIDGE, frame)))
     air = _air(strength, cut, survey)
     steady = steady if steady is not None else recording.steady
     if steady is not None:
@@ -105,10 +105,10 @@ def cutting_stretch(
             )
         stop = min(stop, length)
     else:
-        first, last = _without_quiet_ends(strength, *found)
-        trim = max(FRAME // 2 + 2, (last - first) // 20)  # ramps, and what rings when the tool enters or leaves
-        first += trim if first > 0 and last - first > 4 * trim else 0
-        last -= trim if last < len(strength) and last - first > 4 * trim else 0
+        first, last = _without_quiet_ends(strength, *found, frame)
+        trim = max(frame // 2 + 2, (last - first) // 20)  # ramps, and what rings when the tool enters or leaves
+        trim = min(trim, (last - first) // LARGEST_TRIM)
+        first, last = first + (trim if first > 0 else 0), last - (trim if last < len(strength) else 0)
         start = int(survey.edges[first])
         stop = int(survey.edges[last]) if last < len(strength) else length
     if stop - start > MOST_SAMPLES:
@@ -126,58 +126,12 @@ def cutting_stretch(
     return Stretch(start, stop, air, survey)
 
 
-def _of_the_teeth(read: spectra.Reader, survey: Survey, cycle: float, teeth: int) -> tuple[np.ndarray, np.ndarray]:
-    """Turn by turn, rms of the lowest harmonics of the teeth, and what share of the power that is; both (revolution,).
-
-    From spectra of some turns under a window: a tone beside the harmonics must not pass for one.
-    """
-    turns = len(survey.strength)
-    size = round(FRAME / cycle)
-    if turns < 2 * FRAME:
-        return survey.strength, np.ones(turns)
-    window = np.hanning(size + 1)[:-1]
-    starts = np.arange(0, int(survey.edges[-1]) - size + 1, size // 2)
-    order = teeth * np.arange(1, max(HARMONICS, ORDERS // teeth) + 1)
-    order = order[order * cycle < 0.45]
-    power, share = np.zeros(len(starts)), np.zeros(len(starts))
-    for i, start in enumerate(starts):
-        y = read(start, start + size)
-        spectrum = np.abs(np.fft.rfft((y - y.mean(axis=1, keepdims=True)) * window)) ** 2
-        for p in order:
-            middle, reach = p * cycle * size, max(1.0, 0.012 * p * cycle * size)
-            low, high = int(np.floor(middle - reach)), int(np.ceil(middle + reach)) + 1
-            power[i] += spectrum[:, low:high].max(axis=1).sum() * 3.0  # all of the line, by its highest
-        share[i] = power[i] / max(2 * float(spectrum[:, 1:].sum()), 1e-300)
-    at = (starts + size / 2) * cycle - 0.5
-    turn = np.arange(turns)
-    return np.interp(turn, at, np.sqrt(power)), np.interp(turn, at, share)
-
-
-def _of_the_cut(strength: np.ndarray, of_teeth: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Revolutions of the cut: all, unless some are far weaker in the harmonics of the teeth, evenly so, and hold little else of
-    them.   returns bool (revolution,)
-    """
-    usable = np.isfinite(strength) & (strength > 0) & np.isfinite(of_teeth) & (of_teeth > 0)
-    log = np.sort(np.log(of_teeth[usable]))
-    n = len(log)
-    if n < 6:
-        return usable
-    count = np.arange(1, n)
-    low = np.cumsum(log)[:-1] / count
-    high = (log.sum() - np.cumsum(log)[:-1]) / (n - count)
-    at = int(np.argmax(count * (n - count) * (high - low) ** 2))
-    weak = usable & (np.log(np.where(usable, of_teeth, 1.0)) <= (low[at] + high[at]) / 2)
-    if high[at] - low[at] < np.log(PARTED) or np.median(share[weak]) > FOLLOWS:
-        return usable
-    return usable & ~weak
-
-
-def _without_quiet_ends(strength: np.ndarray, first: int, last: int) -> Samples:
+def _without_quiet_ends(strength: np.ndarray, first: int, last: int, most: int) -> Samples:
     """Revolutions first..last without those at either end that are much weaker: air too short for a spectrum of it."""
     quiet = ~(strength[first:last] > WEAK * np.nanmedian(strength[first:last]))
     loud = np.flatnonzero(~quiet)
     ahead, behind = int(loud[0]), int(len(quiet) - 1 - loud[-1])
-    return first + min(ahead, FRAME), last - min(behind, FRAME)
+    return first + min(ahead, most), last - min(behind, most)
 
 
 def _air(strength: np.ndarray, cut: np.ndarray, survey: Survey) -> Samples | None:

@@ -1,11 +1,17 @@
-"""The spindle speed during the cut: from the pulse per revolution, else from the harmonics."""
+"""The spindle speed during the cut: from the pulse per revolution, else from the harmonics, else from how far apart tones are.
+
+Heavy chatter may leave nothing of the harmonics to be seen. But the cut modulates it once a tooth, and with runout once a turn:
+tones that lie whole turns from the strongest tell the speed as well.
+"""
 
 import numpy as np
 
 from millcal.data import Recording
 from millcal.numerics.comb import comb_cycle
 from millcal.numerics.pulses import number_pulses, pulse_times
-from millcal.numerics.spectra import Cycle
+from millcal.numerics.residual_lines import fast_length, residual_spectra
+from millcal.numerics.spectra import Cycle, reader_of
+from millcal.numerics.tones import find_tones
 from millcal.stages.judge.signal import Note, reader
 
 NEAR, FAR = 0.012, 0.032  # how far the stated speed may be off: usually, and at most
@@ -17,6 +23,9 @@ FEWEST_OTHERS = 4  # harmonics that stand out, for a speed by them, if none is o
 FEWEST_OF_TEETH = 3  # for a speed far off, where nothing follows a nearer one
 FEWEST_SEEN = 2  # if one is; or the first of the tooth passing alone
 PULSE_SCATTER = 0.05  # of a revolution
+TONES, SMALLEST = 10, 1e-4  # whose distances are looked at, and their power over that of the strongest
+FARTHEST = 4  # tooth passings from it
+BY_CHANCE = 0.04  # probability at which tones lie so, up to which they tell a speed
 
 
 def refined_cycle(
@@ -28,6 +37,10 @@ def refined_cycle(
     """
     by_comb, seen = _by_harmonics(samples, stated, teeth)
     follows = _follows(seen, teeth)
+    if not follows:
+        apart = _by_distances(samples, stated, teeth)
+        if apart is not None:
+            by_comb, follows = apart, True
     by_pulse = _pulse_cycle(recording, start, start + samples.shape[1], stated, note)
     if by_pulse is not None:
         found = by_pulse
@@ -66,6 +79,49 @@ def _follows(seen: tuple[int, ...], teeth: int) -> bool:
     """Whether the harmonics that stand out are enough to tell a speed."""
     of_teeth = any(k % teeth == 0 for k in seen)
     return len(seen) >= (FEWEST_SEEN if of_teeth else FEWEST_OTHERS) or seen == (teeth,)
+
+
+def _by_distances(samples: np.ndarray, stated: float, teeth: int) -> Cycle | None:
+    """The speed by which tones lie whole turns from the strongest; None where so many might do so by chance.
+
+    A tone d away is k turns from it at the speed d / k. That this is as near the stated speed as it is, by chance, has the
+    probability 2 k times the relative distance; that another tone then fits, that of two lines in one turn.
+    """
+    n = samples.shape[1]
+    size = fast_length(n)
+    line = 1.0 / size
+    best: tuple[float, Cycle] | None = None
+    for row in range(len(samples)):
+        read = reader_of(samples[row : row + 1] - samples[row].mean())
+        spectrum = residual_spectra(read, 0, size, 1, stated, np.zeros((1, 2), complex))
+        tones = [tone for tone in find_tones(spectrum, 0, stated, np.zeros(2, complex)) if tone.sharp][:TONES]
+        tones = [tone for tone in tones if tone.power > SMALLEST * tones[0].power]
+        if len(tones) < 2 or _multiples(np.array([tone.frequency for tone in tones]), line):
+            continue
+        away = np.abs(np.array([tone.frequency for tone in tones[1:]]) - tones[0].frequency)
+        sd = np.hypot([tone.deviation for tone in tones[1:]], tones[0].deviation) + 0.1 * line
+        for distance in away:
+            k = round(distance / stated)
+            if not 1 <= k <= FARTHEST * teeth or abs(distance / k / stated - 1) > NEAR:
+                continue
+            turns = np.rint(away * k / distance)
+            fit = (turns >= 1) & (np.abs(away - turns * distance / k) < line)
+            weight = (turns / sd)[fit] ** 2
+            cycle = float(np.sum(weight * away[fit] / turns[fit]) / weight.sum())
+            off = max(abs(cycle / stated - 1), line / distance)
+            chance = 2 * k * off * (2 * line / cycle) ** (int(fit.sum()) - 1)
+            if chance < BY_CHANCE and (best is None or chance < best[0]):
+                best = chance, Cycle(cycle, float(1 / np.sqrt(weight.sum())))
+    return None if best is None else best[1]
+
+
+def _multiples(frequency: np.ndarray, line: float) -> bool:
+    """Whether all are multiples of one frequency, as the teeth at another speed would leave them."""
+    for part in range(1, 5):
+        base = frequency.min() / part
+        if np.all(np.abs(frequency - np.rint(frequency / base) * base) < line):
+            return bool(base > 4 * line)
+    return False
 
 
 def _pulse_cycle(recording: Recording, start: int, stop: int, stated: float, note: Note) -> Cycle | None:

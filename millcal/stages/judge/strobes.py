@@ -45,4 +45,7 @@ def once_per_tooth(
     flashes = strobe(moving, np.maximum(at, 0.0))
     found = np.array([change(flashes, n) if count > n else np.full(PHASES, np.nan) for n in range(1, LONGEST + 1)])
     worst = int(np.argmax(np.nan_to_num(found[0])))
-    return Strobes(at[worst], strobe(signal, np.maximum(at[worst], 0.0)), np.nanmax(found, axis=1))
+    largest = np.nan_to_num(found, nan=-np.inf).max(axis=1)
+    return Strobes(
+        at[worst], strobe(signal, np.maximum(at[worst], 0.0)), np.where(np.isfinite(largest), largest, np.nan)
+    )

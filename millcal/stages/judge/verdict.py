@@ -23,6 +23,10 @@ COMPANY = 0.003  # of its power, from which a tone a tooth passing away is one
 BROAD = 0.5  # share of a hump from which it is chatter that wanders
 DOUBTFUL_HUMP = 0.2
 FEWEST_REVOLUTIONS = 8  # for a verdict of what is not there
+MOST_OF_IT = 0.5  # share of the power of a tone that is told from fewer
+BESIDE = (
+    1.2  # lines from a harmonic of the teeth, within which a tone without company may be that harmonic come and gone
+)
 LONGEST_PERIOD = 8
 REPEATS = 0.2  # M(n) over M(1)
 GROWS = 3.0
@@ -115,6 +119,16 @@ def judged(
             )
     if found.family and share >= needed and not several and not follows:
         return _unknown(_comb_of_another_speed(found.family, teeth, size, rate, cycle))
+    few = revolutions < FEWEST_REVOLUTIONS
+    if found.family and share >= needed and not several:
+        f, k = found.family[0].frequency, round(found.family[0].frequency / passing)
+        if k and abs(f - k * passing) * size < BESIDE:
+            return _unknown(
+                f"a line at {f * rate:.5g} Hz stands so near harmonic {k} of the tooth passing that so short a record does not "
+                "tell whether it is one of its own; record more turns, without entry and exit"
+            )
+    if found.family and few and (share < MOST_OF_IT or found.family[0].frequency < cycle):
+        needed = np.inf
     if found.family and share >= needed:
         tone = found.family[0]
         f = tone.frequency * rate
@@ -133,7 +147,7 @@ def judged(
             f"a line at {f:.5g} Hz{beside} follows neither teeth nor spindle and holds {share:.0%} of the power{course}",
             None, found.family, found.share, False,
         )  # fmt: skip
-    if found.hump_share >= BROAD:
+    if found.hump_share >= BROAD and not few:
         hump = found.humps[0]
         return Finding(
             "chatter",
@@ -141,11 +155,11 @@ def judged(
             "frequency wanders",
             None, [hump], found.hump_share, False,
         )  # fmt: skip
-    if alternating is not None and follows and revolutions >= FEWEST_REVOLUTIONS:
+    if alternating is not None and follows and not few:
         told = _alternation(alternating, teeth, cycle, rate, alternating_grows, expected, swing, by_force)
         if told is not None:
             return told
-    if revolutions < FEWEST_REVOLUTIONS:
+    if few:
         return _unknown(
             f"{int(revolutions)} whole revolutions are too few to see what lies between the harmonics of the spindle"
         )
