@@ -150,7 +150,8 @@ def _distance_to_ray(value: np.ndarray, floor: float) -> np.ndarray:
 
 
 def _turns_back(chart: _Chart, floor: float) -> np.ndarray:
-    """Steps beside an angle where |Im| of an eigenvalue is least and a parabola through three angles comes near zero or beyond.
+    """Steps beside an angle where |Im| of an eigenvalue is least, and below half of both neighbours or, by the parabola through
+    the three, near zero or beyond.
 
     returns bool (step,)
     """
@@ -165,7 +166,9 @@ def _turns_back(chart: _Chart, floor: float) -> np.ndarray:
     d0, d1 = (y1 - y0) / h0, (y2 - y1) / h1
     slope, bend = (d0 * h1 + d1 * h0) / (h0 + h1), 2 * (d1 - d0) / (h0 + h1)
     lowest = y1 - slope**2 / (2 * np.where(bend == 0, np.inf, bend))
-    near = least & (lowest * np.sign(y1) < 0.5 * np.abs(y1))
+    # beside a resonance the course is no parabola: a least value far below both its neighbours is no sure one either
+    deep = 2 * np.abs(y1) < np.minimum(np.abs(y0), np.abs(y2))
+    near = least & (deep | (lowest * np.sign(y1) < 0.5 * np.abs(y1)))
     doubt = np.zeros(len(angle) - 1, bool)
     rows = near.any(axis=1)
     doubt[:-1] |= rows

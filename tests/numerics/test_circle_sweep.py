@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from millcal.numerics.circle_sweep import circle_crossings
+from millcal.numerics.circle_sweep import STEPS, circle_crossings
 
 LARGEST = 3.0
 
@@ -68,6 +68,20 @@ def test_a_resonance_much_narrower_than_the_first_steps_is_found_where_it_is_sai
     assert len(found.angle) == 1
     assert found.angle[0] == pytest.approx(1.2345, abs=1e-3)
     assert found.factor[0] == pytest.approx(-1 / np.cos(2.5), rel=1e-3)
+
+
+@pytest.mark.parametrize("place", [0.35, 0.4, 0.6, 0.65])
+def test_two_crossings_at_the_foot_of_a_cusp_are_found_though_a_parabola_stays_above_them(place):
+    """Im lambda falls and rises in straight lines, as beside a resonance, and is below zero within half a step."""
+    step = np.pi / STEPS
+    foot = (20 + place) * step
+
+    def matrix(angle):
+        return (-1 + 1j * (np.abs(angle - foot) - step / 4))[:, np.newaxis, np.newaxis]
+
+    found = circle_crossings(matrix, 1.5)
+    np.testing.assert_allclose(np.sort(found.angle), [foot - step / 4, foot + step / 4], atol=1e-9)
+    assert found.rising[np.argsort(found.angle)].tolist() == [False, True]
 
 
 def test_no_factor_above_the_largest_is_told():

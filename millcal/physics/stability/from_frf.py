@@ -31,10 +31,12 @@ import numpy as np
 from millcal.errors import IllPosedError
 from millcal.numerics.circle_sweep import circle_crossings, first_angles
 from millcal.physics.stability.cut_period import lagrange, nodes_of, pieces_of
-from millcal.physics.stability.measured_receptance import Receptance, receptance_of_lines
+from millcal.physics.stability.measured_receptance import Receptance, receptance_of_lines, resonances
 from millcal.physics.stability.regeneration import FLIP, FOLD, HOPF, Crossings, Regeneration, h0
 
-TAKES_PART = 1.0  # a line takes part where the deepest cut is as stiff as the tip there
+TAKES_PART = 1.0  # a line takes part where the deepest cut is as stiff as the tip there,
+MAY_CROSS = 0.3  # and a resonance is looked at where its eigenvalue comes that near to a crossing
+BESIDE = 3.0  # half widths beside a resonance at which the sweep looks as well as at its peak
 HIGHEST_ORDER = 160  # nodes on a piece: a matrix above that takes seconds for a speed
 
 
@@ -59,10 +61,15 @@ class CutBasis:
         """
         middle = len(self.harmonic) // 2
         kept = slice(middle - most, middle + most)
-        if np.array_equal(angle, first_angles()):
-            out, back = self._first_tables
-            return out[:, kept], back[:, kept]
-        return self._tables(angle, kept)
+        first = first_angles()
+        place = np.minimum(np.searchsorted(first, angle), len(first) - 1)
+        known = first[place] == angle
+        if not known.any():
+            return self._tables(angle, kept)
+        out, back = (table[place, kept] for table in self._first_tables)
+        if not known.all():
+            out[~known], back[~known] = self._tables(angle[~known], kept)
+        return out, back
 
     @cached_property
     def _first_tables(self) -> tuple[np.ndarray, np.ndarray]:
@@ -148,12 +155,23 @@ class MeasuredCut:
     deepest: float  # m
     moves: tuple[int, ...]  # axes along which the tip can move
     highest: float  # Hz, that takes part
+    resonance: np.ndarray  # (resonance, 3) Hz, as `resonances` has them
     order: int | None  # nodes on a piece, where given
     tolerance: float
 
     def period(self, spindle_speed: float) -> float:
         """Of the teeth, s.   spindle_speed : rad/s"""
         return 2 * np.pi / (self.cut.teeth * spindle_speed)
+
+    def resonant_angles(self, period: float) -> np.ndarray:
+        """theta about which the resonances stand: where many waves of the tip pass between two teeth the circle is long
+        for them, where the teeth pass faster than the tip swings a step of the sweep holds a whole resonance.
+
+        period : s   returns (angle,) rad, 0 to pi
+        """
+        low, peak, high = self.resonance.T
+        near = np.concatenate([peak, peak - BESIDE * (peak - low), peak + BESIDE * (high - peak)])
+        return np.abs(np.angle(np.exp(2j * np.pi * near * period)))
 
     def order_at(self, spindle_speed: float) -> int:
         """Nodes on a piece, by the rule measured for the Floquet solution (`floquet.order_of`).   spindle_speed : rad/s"""
@@ -206,7 +224,11 @@ def measured_cut(
     stiffness = np.linalg.norm(values, axis=(1, 2)) * np.hypot(cut.ktc, cut.krc) * deepest
     part = np.flatnonzero(stiffness >= TAKES_PART)
     highest = float(frequency[part[-1]] if len(part) else frequency[0])
-    return MeasuredCut(receptance_of_lines(frequency, values), cut, deepest, moves, highest, order, tolerance)
+    mean_stiffness = (
+        2 * cut.in_cut * np.hypot(cut.ktc, cut.krc) * deepest
+    )  # no eigenvalue is larger than this times |G|
+    peaks = resonances(frequency, values, MAY_CROSS / mean_stiffness)
+    return MeasuredCut(receptance_of_lines(frequency, values), cut, deepest, moves, highest, peaks, order, tolerance)
 
 
 def crossings_of_receptance(
@@ -243,7 +265,11 @@ def crossings_at(
 ) -> tuple[Crossings, np.ndarray]:
     """Crossings of one speed, under its index, and their theta.   spindle_speed : rad/s"""
     period = problem.period(spindle_speed)
-    found = circle_crossings(lambda angle: circle_matrix(angle, basis, problem.receptance, period), problem.deepest)
+    found = circle_crossings(
+        lambda angle: circle_matrix(angle, basis, problem.receptance, period),
+        problem.deepest,
+        extra=problem.resonant_angles(period),
+    )
     kind = np.select([found.angle == np.pi, found.angle == 0], [FLIP, FOLD], HOPF)
     chatter = loudest(found.angle, found.factor, problem, basis, period)
     return Crossings(np.full(len(kind), index), found.factor, kind, chatter, found.rising), found.angle

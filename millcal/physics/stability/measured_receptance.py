@@ -24,6 +24,8 @@ import numpy as np
 STATIC_LINES = 5  # of the lowest, whose median real part is held below the first
 PASSES = 0.8  # share of the band from which the lines pass into the mass line
 ENDS = (1.6, 2.0)  # times the band, where the mass line passes to nothing
+HALF_POWER = 0.5  # share of the height of Im G that a resonance falls below on both sides
+MOST_PEAKS = 200  # of a driving point, that are looked at
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,3 +78,29 @@ def receptance_of_lines(frequency: np.ndarray, values: np.ndarray) -> Receptance
     size, direction = np.linalg.eigh((mass + mass.T) / 2)
     mass = (direction * np.maximum(size, 0.0)) @ direction.T
     return Receptance(frequency, values, CubicSpline(frequency, values), static, mass)
+
+
+def resonances(frequency: np.ndarray, values: np.ndarray, least: float) -> np.ndarray:
+    """Where Im G of a driving point stands out by half its height, and where it is down to the half.
+
+    Who goes through the frequencies by steps of their own passes over a resonance that is narrower than a step.
+
+    frequency : (line,) Hz, ascending   values : complex (line, 2, 2) m/N   least : |Im G| below which nothing counts, m/N
+    returns (resonance, 3) Hz: below, at and above the peak
+    """
+    found = []
+    for axis in (0, 1):
+        size = np.abs(values[:, axis, axis].imag)
+        inner = size[1:-1]
+        top = 1 + np.flatnonzero((inner > size[:-2]) & (inner >= size[2:]) & (inner >= least))
+        for i in top[np.argsort(-size[top], kind="stable")][:MOST_PEAKS].tolist():
+            half = []
+            for side, first in ((size[:i][::-1], 0), (size[i + 1 :], len(size) - 1)):
+                low, over = np.argmax(side < HALF_POWER * size[i]), np.argmax(side > size[i])
+                falls, rises = bool(len(side)) and side[low] < HALF_POWER * size[i], side[over] > size[i]
+                if rises and (not falls or over < low):
+                    break  # the flank of a higher one, or its noise
+                half.append(first if not falls else i - 1 - low if first == 0 else i + 1 + low)
+            else:
+                found.append((frequency[half[0]], frequency[i], frequency[half[1]]))
+    return np.array(found).reshape(-1, 3)

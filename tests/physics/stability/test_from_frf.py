@@ -9,8 +9,8 @@ from millcal.numerics.circle_sweep import circle_crossings
 from millcal.physics.stability.floquet import all_crossings
 from millcal.physics.stability.frf_spread import inverse_depth_sd
 from millcal.physics.stability.from_frf import crossings_at, crossings_of_receptance, measured_cut
-from millcal.physics.stability.measured_receptance import receptance_of_lines
-from millcal.physics.stability.regeneration import FLIP, HOPF, TipModes, h0
+from millcal.physics.stability.measured_receptance import receptance_of_lines, resonances
+from millcal.physics.stability.regeneration import FLIP, HOPF, TipModes, h0, tip_of_shapes
 from millcal.physics.stability.stable_depths import edges_of
 
 LOW_IMMERSION = [case for case in oracles()["cases"] if case["a_over_D"] <= 0.1]
@@ -81,6 +81,33 @@ def test_all_crossings_are_those_of_floquet_cross_terms_and_overlapping_teeth_in
         assert found.loses[own].tolist() == floquet.loses[other].tolist()
         np.testing.assert_allclose(found.depth[own], floquet.depth[other], rtol=5e-4)
         np.testing.assert_allclose(found.frequency[own], floquet.frequency[other], rtol=1e-3)
+
+
+@pytest.mark.parametrize("direction", ["up", "down"])
+def test_a_resonance_narrower_than_a_step_of_the_sweep_is_not_passed_over(direction):
+    """One tooth that passes as often as the tool swings: all that its mode does is done within some hundredths of a rad."""
+    tip, this = tip_of_shapes([922.0], [0.004], machine("IS1").output[:1].real), cut(1, 0.1, direction, "IS1")
+    speed, deepest = np.linspace(53_000, 58_000, 12) * RPM, 8e-3
+    floquet = all_crossings(speed, tip, this, deepest=deepest)
+    found = crossings_of_receptance(speed, *lines(tip), this, deepest=deepest)
+    assert len(floquet.depth) >= 4
+    assert found.speed.tolist() == floquet.speed.tolist()
+    assert found.kind.tolist() == floquet.kind.tolist()
+    np.testing.assert_allclose(found.depth, floquet.depth, rtol=1e-2)
+
+
+def test_resonances_are_the_peaks_that_stand_out_by_half_their_height_and_not_those_of_noise():
+    tip = tip_of_shapes([500.0, 530.0, 1400.0], [0.01, 0.02, 0.03], [[0.5, 0.0], [0.0, 0.4], [0.3, 0.6]])
+    frequency, values = lines(tip)
+    size = np.abs(values.imag).max()
+    values = values + 0.005 * size * np.random.default_rng(3).standard_normal(values.shape) * (1 + 1j)
+    found = resonances(frequency, values, 0.05 * size)
+    known = {500.0: 0.01, 530.0: 0.02, 1400.0: 0.03}
+    nearest = [min(known, key=lambda natural: abs(natural - peak)) for peak in found[:, 1]]
+    assert set(nearest) == set(known)
+    for natural, (low, peak, high) in zip(nearest, found, strict=True):
+        assert peak == pytest.approx(natural, rel=known[natural])
+        assert (high - low) / (2 * natural) == pytest.approx(known[natural], rel=0.4)
 
 
 def written_out(rpm, tip, this, harmonics, **options):
