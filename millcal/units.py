@@ -4,6 +4,7 @@
 "g", "µm") are looked up in `FILE_UNITS`, which also tells the physical quantity.
 """
 
+from functools import lru_cache
 from math import pi
 
 # suffix of a key -> factor to SI
@@ -74,6 +75,7 @@ def normal_unit(text: str) -> str:
     )
 
 
+@lru_cache(maxsize=4096)
 def suffix_of(key: str) -> str | None:
     """The unit suffix of a key, longest first, or None: `feed_per_tooth_mm` -> `mm`."""
     matching = [suffix for suffix in SUFFIXES if key.endswith("_" + suffix)]

@@ -10,12 +10,16 @@ The last two parameters are the runout, c0 = rho cos(lambda) and s0 = rho sin(la
 [kappa_t, s_t, kappa_r, s_r, (kappa_a, s_a,) c0, s0]. What is compiled lives in `edge_kernel`, imported at the first call.
 """
 
-from typing import NamedTuple
+from functools import lru_cache
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from millcal.physics.cutter import Cutter
 from millcal.physics.cutting_force import Kienzle
+
+if TYPE_CHECKING:
+    from millcal.physics.edge_kernel import Edge
 
 SPREAD = 50_000  # samples that quantiles of chips are taken from, of more
 GOLDEN = (5**0.5 - 1) / 2
@@ -59,6 +63,14 @@ def directions_of(parameters: int, axes: tuple[str, ...]) -> int:
     return (parameters - 2) // 2
 
 
+@lru_cache(maxsize=32)
+def _edge(cutter: Cutter, law: str, reference_chip: float, axes: tuple[str, ...], nodes: int) -> "Edge":
+    """The constants of the kernel, made once: a search asks for the same thousands of times, and Gauss nodes take their time."""
+    from millcal.physics.edge_kernel import edge_of
+
+    return edge_of(cutter, law, reference_chip, axes, nodes)
+
+
 def sampled_force(
     parameters: np.ndarray,
     passage: Passage,
@@ -77,7 +89,7 @@ def sampled_force(
     nodes : Gauss nodes on each piece of an edge in contact
     returns force (sample, axis) N, slopes (sample, axis, parameter) N per unit of each
     """
-    from millcal.physics.edge_kernel import edge_of, force_of_samples
+    from millcal.physics.edge_kernel import force_of_samples
 
     values = fixed(np.atleast_2d(np.asarray(parameters, float)))
     directions_of(values.shape[1], axes)
@@ -86,7 +98,7 @@ def sampled_force(
         raise ValueError(f"{len(values)} rows of parameters for {len(met.angle)} samples")
     force = np.empty((len(met.angle), len(axes)))
     slopes = np.empty((*force.shape, values.shape[1]))
-    force_of_samples(values, *met, edge_of(cutter, law, reference_chip, axes, nodes), force, slopes)
+    force_of_samples(values, *met, _edge(cutter, law, reference_chip, tuple(axes), nodes), force, slopes)
     return force, slopes
 
 
@@ -94,11 +106,11 @@ def _chips(
     passage: Passage, cutter: Cutter, runout: tuple[float, float], nodes: int, space: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean chip (sample,) m, and chips (node,) m with the length of edge that meets each (node,) m, for `space` nodes."""
-    from millcal.physics.edge_kernel import chips_of_samples, edge_of
+    from millcal.physics.edge_kernel import chips_of_samples
 
     met = columns(passage)
     mean, chip, width = np.empty(len(met.angle)), np.empty(space), np.empty(space)
-    edge = edge_of(cutter, "kienzle", Kienzle.REFERENCE_CHIP, ("x", "y"), nodes)
+    edge = _edge(cutter, "kienzle", Kienzle.REFERENCE_CHIP, ("x", "y"), nodes)
     count = chips_of_samples(float(runout[0]), float(runout[1]), *met, edge, mean, chip, width)
     if space and count > space:
         return _chips(passage, cutter, runout, nodes, count)

@@ -76,6 +76,7 @@ class CutRecord:
         """The force as the chain shows it, and its slopes.
 
         parameters : (parameter,) or (sample, parameter), phases last; of a phase the first row counts
+        slopes : False leaves them as they are before the chain
         returns (sample, axis) N, (sample, axis, parameter)
         """
         own = 2 * self.directions + 2

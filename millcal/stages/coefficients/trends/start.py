@@ -159,7 +159,7 @@ def _scan(
         p = parameters.copy()
         p[0 : 2 * D : 2] = 0.0
         p[own + number] = phase
-        columns = part.response(p)[1][:, :, 0 : 2 * D : 2] / sd[:, np.newaxis]
+        columns = part.through_chain(part.response(p, slopes=False)[1][:, :, 0 : 2 * D : 2]) / sd[:, np.newaxis]
         matrix = columns.reshape(len(target), D)
         level = np.linalg.lstsq(matrix, target, rcond=None)[0]
         cost = float(np.sum((target - matrix @ level) ** 2))
@@ -217,14 +217,25 @@ def _refined(
         p[free] = x * unit
         return p
 
+    last: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
+
+    def at(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The force, and its slopes before the chain, whose filtering a step that is rejected does not need."""
+        key = x.tobytes()
+        if key not in last:
+            last.clear()
+            last[key] = part.response(spread(x), slopes=False)
+        return last[key]
+
     def residual(x: np.ndarray) -> np.ndarray:
         p = spread(x)
-        off = (part.response(p)[0] - part.force) / sd
+        off = (at(x)[0] - part.force) / sd
         return np.concatenate([off[settled].ravel(), ((p - mean) / prior_sd)[free]])
 
     def slopes(x: np.ndarray) -> np.ndarray:
         p = spread(x)
-        columns = np.concatenate([part.response(p)[1], part.phase_slopes(p)], axis=2)[:, :, free] / sd[:, np.newaxis]
+        own_slopes = part.through_chain(at(x)[1])
+        columns = np.concatenate([own_slopes, part.phase_slopes(p)], axis=2)[:, :, free] / sd[:, np.newaxis]
         return np.concatenate([columns[settled].reshape(-1, len(free)) * unit, np.diag(unit / prior_sd[free])])
 
     begin = np.clip(parameters, low + 1e-3 * prior_sd, high - 1e-3 * prior_sd)
@@ -241,4 +252,4 @@ def _refined(
     covariance = np.zeros((len(p), len(p)))
     covariance[np.ix_(free, free)] = np.linalg.pinv(found.jac.T @ found.jac) * np.outer(unit, unit)
     p[own:] %= 2 * np.pi
-    return p, float(2 * found.cost), covariance, part.force - part.response(p)[0]
+    return p, float(2 * found.cost), covariance, part.force - part.response(p, slopes=False)[0]
