@@ -2,6 +2,7 @@
 
 import ast
 from dataclasses import dataclass
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -58,7 +59,8 @@ class Import:
     relative: bool = False
 
 
-def imports_of(source: str, modules=MODULES) -> list[Import]:
+@cache
+def imports_of(source: str) -> list[Import]:
     """Every import of a file, those inside functions and for type checking too: an arrow is an arrow.
 
     `from millcal.stages import frf` names a module, `from millcal.data import Frf` names one through what it holds.
@@ -71,7 +73,7 @@ def imports_of(source: str, modules=MODULES) -> list[Import]:
             parent = node.module or ""
             names = {f"{parent}.{alias.name}" for alias in node.names}
             found += [
-                Import(name if name in modules else parent, node.lineno, node.level > 0) for name in sorted(names)
+                Import(name if name in MODULES else parent, node.lineno, node.level > 0) for name in sorted(names)
             ]
     return found
 
