@@ -656,10 +656,10 @@ class BestSpeed:
     """A speed worth running: the top of a stable pocket."""
 
     spindle_speed: float  # rad/s
-    axial_depth: float  # m
+    axial_depth: float  # m: the least limit within half a percent of that speed
     removal_rate: float  # m^3/s; nan without a feed per tooth
-    p_stable: float | None  # at that speed and depth, from the bands
-    safe_depth: float | None = None  # m, stable with 97.5 %: the lower end of the band
+    p_stable: float | None  # at that depth, the least within half a percent of that speed
+    safe_depth: float | None = None  # m, stable with 97.5 %: the lower end of the band, the least as far
     torque: float | None = (
         None  # N m, mean over a revolution at the safe depth, else at the limit; None without K_te or feed
     )
@@ -682,6 +682,7 @@ class OperatingPoint:
     p_stable: float | None = None
     speed_margin: tuple[float, float] | None = None  # rad/s that the speed may fall and rise before this depth chatters
     advice: tuple[str, ...] = ()  # what to do, best first
+    bound: float = np.nan  # m, depth of the crossing that `kind` is of: on an island that above it, not the first limit
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -748,6 +749,7 @@ class StabilityMap(Record):
     feed_per_tooth: float | None
     absolute_minimum: float  # m; of zoa over all speeds, else over those of the map
     absolute_minimum_frequency: float  # Hz
+    absolute_minimum_speed: float = np.nan  # rad/s, refined between the speeds of the map; nan where that is not known
     best: tuple[BestSpeed, ...] = ()
     operating: OperatingPoint | None = None
     tests: CutTests | None = None

@@ -16,6 +16,7 @@ import numpy as np
 from millcal.data import StabilityMap
 
 KINDS = ("Hopf", "flip", "fold")  # as the record numbers them
+EVERY_CROSSING = ("floquet", "frf")  # methods that save each multiplier's, not what the cut as a whole does
 MULTIPLIERS = (2, 1, 1)  # that cross the unit circle together
 LEAP = 0.5  # of a probability between two depths, beyond which it is no slope
 RIM = -1  # an end that is no crossing: no depth at all, or as deep as was looked
@@ -52,9 +53,11 @@ class Edge(NamedTuple):
 def stable_stretches(map_: StabilityMap) -> list[list[Stretch]]:
     """The stable depths of every speed, lowest first.
 
-    Counted are the multipliers outside the unit circle. Where stability is lost and comes back in turn, a method may have
-    saved the ends of what is stable alone, whatever went on between them; then every crossing is such an end.
+    Of methods that save every crossing the multipliers outside the unit circle are counted: a pair that left together may
+    part on the real axis, and with the first of the two back inside the cut still chatters. Others save what the whole cut
+    does; where there stability is lost and comes back in turn, every crossing is an end of what is stable.
     """
+    counted = map_.method in EVERY_CROSSING
     columns: list[list[Stretch]] = []
     order = np.lexsort([map_.crossing_depth, map_.crossing_speed])
     speeds = map_.crossing_speed[order]
@@ -69,27 +72,31 @@ def stable_stretches(map_: StabilityMap) -> list[list[Stretch]]:
         if not any(lost for _, _, lost in crossings):  # a record of the limit alone
             limit = float(map_.limit_depth[i])
             crossings = [(limit, int(map_.limit_kind[i]), True)] if np.isfinite(limit) else []
-        columns.append(_between(crossings))
+        columns.append(_between(crossings, counted))
     return columns
 
 
 def stretches_with_best(map_: StabilityMap) -> tuple[np.ndarray, list[list[Stretch]]]:
-    """The stable depths of every speed and of the best speeds between them, whose tops a coarse map would cut off.
+    """The stable depths of every speed and, between them, of the best speeds and of the smallest limit.
 
-    Further up, a best speed has the mean of its neighbours' stretches, or those of the nearer one where they are not as many.
+    Those were refined, and a coarse map would cut off the top of the pocket or the bottom of the lobe. Further up, such a
+    speed has the mean of its neighbours' stretches, or those of the nearer one where they are not as many.
     returns the speeds (column,) rad/s, ascending, and the stretches of each
     """
     speeds, columns = map_.spindle_speed, stable_stretches(map_)
+    refined = [(best.spindle_speed, best.axial_depth, True) for best in map_.best]
+    refined.append((map_.absolute_minimum_speed, map_.absolute_minimum, False))
     added: dict[float, list[Stretch]] = {}
-    for best in map_.best:
-        speed, depth = best.spindle_speed, best.axial_depth
+    for speed, depth, top in refined:
         i = int(np.searchsorted(speeds, speed))
         if not 0 < i < len(speeds) or np.isclose(speed, speeds[i - 1 : i + 1], rtol=1e-7, atol=0).any():
             continue
         left, right = columns[i - 1], columns[i]
-        beside = max(speeds[i - 1] * left[0].high, speeds[i] * right[0].high) if left and right else np.inf
-        if not beside <= (1 + 1e-9) * speed * depth < np.inf:
-            continue  # no top: as deep as was looked, or of another map
+        if not left or not right or not np.isfinite(depth):
+            continue  # no top: as deep as was looked
+        removed = [speeds[i - 1] * left[0].high, speeds[i] * right[0].high]  # in the manner of the removal rate
+        if max(removed) > (1 + 1e-9) * speed * depth if top else depth > min(left[0].high, right[0].high):
+            continue  # of another map
         first = min(left[0], right[0], key=lambda s: abs(s.high - depth))
         share = (speed - speeds[i - 1]) / (speeds[i] - speeds[i - 1])
         above = (left if share < 0.5 else right)[1:]
@@ -107,9 +114,9 @@ def stretches_with_best(map_: StabilityMap) -> tuple[np.ndarray, list[list[Stret
     return every[order], [every_column[k] for k in order]
 
 
-def _between(crossings: Sequence[tuple[float, int, bool]]) -> list[Stretch]:
+def _between(crossings: Sequence[tuple[float, int, bool]], counted: bool) -> list[Stretch]:
     """The stable stretches between crossings, each with its depth, its kind and whether stability is lost."""
-    in_turn = all(lost == (number % 2 == 0) for number, (_, _, lost) in enumerate(crossings))
+    in_turn = not counted and all(lost == (number % 2 == 0) for number, (_, _, lost) in enumerate(crossings))
     stretches: list[Stretch] = []
     outside, low, below = 0, 0.0, RIM  # multipliers
     for depth, kind, lost in crossings:

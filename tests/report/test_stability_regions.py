@@ -60,8 +60,14 @@ def test_a_pair_that_parts_on_the_real_axis_comes_back_one_by_one():
     assert column == [Stretch(0, 1.0, RIM, HOPF), Stretch(2.5, np.inf, FLIP, RIM)]
 
 
+def test_with_one_of_a_pair_back_inside_the_cut_still_chatters():
+    (column,) = stable_stretches(with_crossings([(1.0, HOPF, 1), (2.0, FLIP, 0)]))
+    assert column == [Stretch(0, 1.0, RIM, HOPF)]
+
+
 def test_ends_of_the_stable_set_alone_are_taken_as_such():
-    (column,) = stable_stretches(with_crossings([(1.0, HOPF, 1), (2.0, FLIP, 0), (3.0, HOPF, 1)]))
+    map_ = with_crossings([(1.0, HOPF, 1), (2.0, FLIP, 0), (3.0, HOPF, 1)])
+    (column,) = stable_stretches(replace(map_, method="time-domain"))
     assert column == [Stretch(0, 1.0, RIM, HOPF), Stretch(2.0, 3.0, FLIP, HOPF)]
 
 
@@ -152,8 +158,10 @@ def test_crossings_within_chatter_are_those_that_bound_nothing():
     rpm = map_.crossing_speed[within] / stability_maps.RPM
     hidden = (np.abs(rpm - 12200) < 240) & (map_.crossing_kind[within] == FLIP)
     assert np.count_nonzero(hidden) == np.count_nonzero((map_.crossing_kind == FLIP) & (map_.crossing_speed > 1200))
-    stretches = stable_stretches(with_crossings([(1.0, HOPF, 1), (2.0, FLIP, 0)]))
-    assert len(inner_crossings(with_crossings([(1.0, HOPF, 1), (2.0, FLIP, 0)]), stretches)) == 0
+    returning = with_crossings([(1.0, HOPF, 1), (2.0, FLIP, 0)])
+    assert inner_crossings(returning, stable_stretches(returning)).tolist() == [1]
+    of_the_cut = replace(returning, method="time-domain")
+    assert len(inner_crossings(of_the_cut, stable_stretches(of_the_cut))) == 0
 
 
 def test_a_simplified_line_stays_within_what_is_allowed():
@@ -200,3 +208,15 @@ def test_a_best_speed_between_two_columns_is_a_top_of_the_line():
     assert len(drawn(580, 3.0)[1][2]) == 2  # nearer to the column with a pocket
     for speed, depth in ((550, 2.0), (570, 1.0), (570, np.inf), (700, 9.0)):  # known, no top, no limit, beyond the rim
         assert len(drawn(speed, depth)[0]) == 3
+
+
+def test_the_smallest_limit_between_two_speeds_is_drawn():
+    map_ = with_crossings([(2.0, HOPF, 1)], [(1.4, FLIP, 1), (3.0, FLIP, 0), (3.5, HOPF, 1)], [(1.2, HOPF, 1)])
+    deep = replace(map_, best=(), absolute_minimum=1.0, absolute_minimum_speed=580.0)
+    speeds, columns = stretches_with_best(deep)
+    assert speeds.tolist() == [500, 550, 580, 600]
+    assert columns[2] == [Stretch(0, 1.0, RIM, HOPF)]
+    (line,) = [edge for edge in edges(areas(speeds, columns)) if edge.kind == HOPF and 580 in edge.x]
+    assert line.y[line.x == 580] == 1.0
+    unknown = replace(deep, absolute_minimum_speed=np.nan)
+    assert stretches_with_best(unknown)[0].tolist() == [500, 550, 600]
