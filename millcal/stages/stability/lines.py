@@ -12,17 +12,18 @@ from millcal.errors import IllPosedError
 from millcal.physics import structure
 from millcal.physics.stability import zero_order
 from millcal.physics.stability.zero_order import Limit, joined
+from millcal.stages.stability.physical import late_answers, physical
 from millcal.stages.stability.tip import (
     FEWEST_LINES,
     Lines,
     Tip,
-    absorbs_power,
     at_tip,
     driving_points,
     lowest_known,
     missing_axes,
 )
 
+MEASURED = 0.9  # share of the lines from which a cross term with gaps counts as measured
 COARSE = 0.005  # share of the resonance by which the curve between lines may be off before it is told
 
 
@@ -49,7 +50,7 @@ def usable_lines(frf: Frf, rigid: str) -> tuple[Lines, list[Notice]]:
             f"frf {point}: {lines.count} lines between {low:g} and {high:g} Hz, the usable band; measure again with a "
             "harder tip or more hits"
         )
-    notices += [*lines.notices, *absorbs_power(lines, places, "frf", point)]
+    notices += [*lines.notices, *physical(lines, places, "frf", point), *late_answers(lines, places, point)]
     notices += _too_coarse(lines, places, point)
     return lines, notices
 
@@ -77,6 +78,14 @@ def tip_of_lines(frf: Frf, teeth: int, rigid: str) -> Tip:
         band=(float(lines.frequency[0]), float(lines.frequency[-1])),
         beyond=None if beyond is None else lambda speed, cutting: zero_order.limit(speed, beyond, cutting, teeth),
     )
+
+
+def _broken(frequency: np.ndarray, where: str) -> Notice:
+    """Lines without a value."""
+    at = f"{frequency[0]:g} Hz" + ("" if len(frequency) == 1 else f" to {frequency[-1]:g} Hz")
+    many = "1 line has" if len(frequency) == 1 else f"{len(frequency)} lines have"
+    what = f"{many} no value, {at}: left out, and what stands there is taken from the lines beside; mend the file"
+    return Notice("lines-missing", what, where)
 
 
 def _of_the_record(frf: Frf, where: str) -> list[Notice]:
@@ -126,10 +135,17 @@ def tip_receptance(frf: Frf, band: tuple[float, float]) -> Lines:
 
     measured = at_tip(frf.values, places, frf.outputs, frf.inputs)
     kept = (frf.frequency > 0) & (frf.frequency >= band[0]) & (frf.frequency <= band[1])
-    kept &= np.isfinite(measured[:, own, own]).all(axis=1)
+    finite = np.isfinite(measured)
+    bare = ~finite[:, own, own].all(axis=1)
+    for entry in ((0, 1), (1, 0)):  # a cross term that was measured, but for some lines
+        if np.count_nonzero(finite[kept, *entry]) > MEASURED * np.count_nonzero(kept):
+            bare |= ~finite[:, *entry]
+    notices = []
+    if (kept & bare).any():
+        notices.append(_broken(frf.frequency[kept & bare], where))
+    kept &= ~bare
     frequency = frf.frequency[kept]
     values = structure.convert_frf(frequency, measured[kept], frf.form, "receptance")
-    notices = []
     unmeasured = ~np.isfinite(values).all(axis=0)
     if unmeasured.any():
         notices.append(Notice("cross-terms", "cross receptances with gaps are taken as zero", where, "note"))

@@ -22,10 +22,10 @@ from millcal.data import ModalFit, Modes, Notice
 from millcal.physics import structure
 from millcal.physics.stability import regeneration, zero_order
 from millcal.physics.stability.regeneration import TipModes
+from millcal.stages.stability.physical import physical
 from millcal.stages.stability.tip import (
     Lines,
     Tip,
-    absorbs_power,
     at_tip,
     driving_points,
     lowest_known,
@@ -155,7 +155,7 @@ def _fitted(record: Modes, fit: ModalFit, speeds: np.ndarray, teeth: int, rigid:
         band = (known if known > low else max(low, fit.frequency[fit.frequency > 0].min()) / BEYOND, high * BEYOND)
     tip = dynamics(natural, fitted.damping, fitted.residue)
     inside = (tip.grid >= low) & (tip.grid <= high)
-    notices += absorbs_power(Lines(tip.grid[inside], tip.on_grid[inside], None, ()), places, "modes", point)
+    notices += physical(Lines(tip.grid[inside], tip.on_grid[inside], None, ()), places, "modes", point)
 
     notices += _missed(fit, places, point)
 

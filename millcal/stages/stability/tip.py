@@ -1,10 +1,9 @@
 """What the zero-order method asks of the tip of the tool, and what lines and modes have in common in answering.
 
-The driving points along x and y at one point are found by the last letter of their dofs, and their sign is checked, because
-a receptance with the wrong sign still gives a map, only of another machine.
+The driving points along x and y at one point are found by the last letter of their dofs.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -18,7 +17,6 @@ from millcal.physics.stability.zero_order import Limit
 FEWEST_LINES = 8  # of an FRF in its usable band: fewer are no curve
 KNOWN_LINE = 0.2  # a line says something where its standard deviation is at most this share of it,
 KNOWN_ENOUGH = 0.05  # or this share of the resonance, so that what it may hide is twenty times stiffer
-TOLERATED_POWER = 0.1  # a driving point may give back this share of its largest absorption before it is told
 
 Solver = Callable[[np.ndarray, np.ndarray], Limit]  # spindle speed (speed,), cutting matrix (2, 2) -> limit
 
@@ -130,34 +128,3 @@ def lowest_known(lines: Lines, i: int, where: str) -> float:
     around = np.convolve(unknown, np.ones(5), mode="same") > 2  # a single bad line, of the mains say, is none
     last = np.flatnonzero(around[:peak])
     return float(lines.frequency[last[-1] + 1]) if len(last) else 0.0
-
-
-def absorbs_power(lines: Lines, axes: Iterable[str], what: str, point: str) -> list[Notice]:
-    """A driving point takes up power: Im of its receptance is negative. The wrong sign at resonance is refused.
-
-    what : "frf" or "modes", for messages
-    """
-    frequency, values, notices = lines.frequency, lines.values, []
-    for axis in sorted(axes):
-        i = "xy".index(axis)
-        absorbed = -frequency * values[:, i, i].imag  # in proportion to the real part of the mobility
-        peak = int(np.argmax(np.abs(absorbed)))
-        dof = f"{point}{axis.upper()}"
-        if np.sum(absorbed * np.abs(frequency * values[:, i, i]) ** 2) < 0:
-            raise IllPosedError(
-                f"{what} {dof}/{dof}: Im of the receptance is positive at its resonance, {frequency[peak]:.0f} Hz, as if the "
-                "structure gave power to the hammer; turn the sign of the force or of the response (or the phase, where a "
-                "file has it conjugated)"
-            )
-        wrong = absorbed < -TOLERATED_POWER * absorbed[peak]
-        if wrong.any():
-            at = frequency[wrong]
-            notices.append(
-                Notice(
-                    "not-passive",
-                    f"Im of the receptance is positive at {len(at)} lines from {at[0]:.0f} to {at[-1]:.0f} Hz; those lines are "
-                    "noise or the sensors were not at one point",
-                    f"{what} {dof}/{dof}",
-                )
-            )
-    return notices
