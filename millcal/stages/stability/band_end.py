@@ -66,8 +66,8 @@ def moved_by_the_end(lines: Lines, speeds: np.ndarray, cut: Regeneration, deepes
         return []
     many = np.count_nonzero(apart > np.log1p(MOVED))
     what = (
-        f"limits hang on where the usable band ends: without its upper fifth, above {lines.frequency[kept][-1]:.0f} Hz, they differ "
-        f"by more than {MOVED:.0%} at {many} of {len(tried)} speeds tried, most at {to_shop(tried[i], 'x_rpm'):.0f} rpm, "
+        f"limits hang on where the usable band ends: without its upper fifth, above {lines.frequency[kept][-1]:.0f} Hz, they "
+        f"differ by more than {MOVED:.0%} at {many} of {len(tried)} speeds tried, most at {to_shop(tried[i], 'x_rpm'):.0f} rpm, "
         f"{to_shop(shorter[i], 'x_mm'):.3g} mm instead of {to_shop(whole[i], 'x_mm'):.3g}; what lines above the band would do is "
         "not known and may be as much, to either side; hit with a harder tip"
     )
