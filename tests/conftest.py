@@ -101,6 +101,14 @@ def recordings_folder(tmp_path_factory) -> Path:
     return folder
 
 
+@pytest.fixture
+def coarse_png(monkeypatch) -> None:
+    """Figures of few dots, for tests that ask what a figure is and not how fine."""
+    from millcal.report.paper import sheet
+
+    monkeypatch.setitem(sheet._STYLE, "savefig.dpi", 60)
+
+
 @pytest.fixture(scope="session")
 def recipe_text() -> str:
     return RECIPE

@@ -83,6 +83,7 @@ def test_several_cuts_are_followed_one_behind_the_other(run, tmp_path):
     assert np.all(np.diff(history.time) > 0)
 
 
+@pytest.mark.usefixtures("coarse_png")
 def test_table_and_figure_are_written_and_told_of(run, tmp_path):
     table, figure = tmp_path / "h.csv", tmp_path / "h.png"
     code, out, _ = run("--method", "imm", "--csv", str(table), "--figure", str(figure), *kienzle())

@@ -1,6 +1,8 @@
 """`millcal study` as a shell sees it."""
 
 import json
+from contextlib import redirect_stderr, redirect_stdout
+from io import StringIO
 
 import pytest
 
@@ -11,13 +13,18 @@ from millcal.report.paper import sheet
 from millcal.studies import forces_from_accelerations, trending_coefficients
 
 
-@pytest.fixture
-def shell(capsys, monkeypatch):
-    """shell("study", ...) -> (exit code, stdout, stderr); the smallest studies there are"""
+def make_small(monkeypatch):
+    """The smallest studies there are, with figures of few dots."""
     monkeypatch.setattr(trending_coefficients, "QUICK", trending_coefficients.Extent(2, 1, 1))
     small = forces_from_accelerations.Extent((0.0, 25.0), (0.0, 1.0), 1, 1, 1, 1)
     monkeypatch.setattr(forces_from_accelerations, "QUICK", small)
-    monkeypatch.setitem(sheet._STYLE, "savefig.dpi", 60)  # faster
+    monkeypatch.setitem(sheet._STYLE, "savefig.dpi", 60)
+
+
+@pytest.fixture
+def shell(capsys, monkeypatch):
+    """shell("study", ...) -> (exit code, stdout, stderr)"""
+    make_small(monkeypatch)
 
     def call(*arguments):
         with pytest.raises(SystemExit) as end:
@@ -28,18 +35,31 @@ def shell(capsys, monkeypatch):
     return call
 
 
+@pytest.fixture(scope="module")
+def twice(tmp_path_factory):
+    """Each study from one seed, told in words and as JSON.   returns name -> two of (folder, exit code, stdout, stderr)"""
+    found = {name: [] for name in Name}
+    with pytest.MonkeyPatch.context() as patch:
+        make_small(patch)
+        for name, more in ((name, more) for name in Name for more in ([], ["--json"])):
+            folder, out, err = tmp_path_factory.mktemp("study") / "study", StringIO(), StringIO()
+            with redirect_stdout(out), redirect_stderr(err), pytest.raises(SystemExit) as end:
+                main(["study", name, "--quick", "--out", str(folder), "--seed", "5", *more])
+            found[name].append((folder, end.value.code, out.getvalue(), err.getvalue()))
+    return found
+
+
 @pytest.mark.parametrize("name", Name)
-def test_a_study_leaves_tables_and_figures_and_says_the_same_twice(shell, tmp_path, name):
-    first, second, files = tmp_path / "first", tmp_path / "second", study_file(name).FILES
-    code, out, err = shell("study", name, "--quick", "--out", first, "--seed", 5)
+def test_a_study_leaves_tables_and_figures_and_says_the_same_twice(twice, name):
+    files = study_file(name).FILES
+    (first, code, out, err), (second, code_of_second, told, _) = twice[name]
     assert (code, err) == (0, "")
     assert {path.name for path in first.iterdir()} == set(files)
     assert (first / "table.txt").read_text() in out
     assert out.splitlines()[-1].startswith(str(first))
 
-    code, out, _ = shell("study", name, "--quick", "--out", second, "--seed", 5, "--json")
-    said = json.loads(out)
-    assert code == 0
+    said = json.loads(told)
+    assert code_of_second == 0
     assert said["command"] == "study"
     assert (said["result"]["study"], said["result"]["quick"]) == (name, True)
     kept = json.loads((second / "summary.json").read_text())
@@ -49,11 +69,10 @@ def test_a_study_leaves_tables_and_figures_and_says_the_same_twice(shell, tmp_pa
         assert (first / file).read_bytes() == (second / file).read_bytes(), file
 
 
-def test_a_study_sets_the_papers_numbers_beside_its_own(shell, tmp_path):
-    _, out, _ = shell("study", "trending-coefficients", "--quick", "--out", tmp_path / "a", "--json")
-    assert json.loads(out)["result"]["table"][0]["cases"]["alternating"]["paper_N"] == 50.7
-    code, out, _ = shell("study", "forces-from-accelerations", "--quick", "--out", tmp_path / "b")
-    assert code == 0
+def test_a_study_sets_the_papers_numbers_beside_its_own(twice):
+    _, (_, _, told, _) = twice["trending-coefficients"]
+    assert json.loads(told)["result"]["table"][0]["cases"]["alternating"]["paper_N"] == 50.7
+    (_, _, out, _), _ = twice["forces-from-accelerations"]
     assert "up to 1.0 m/s²: does not hold" in out
 
 

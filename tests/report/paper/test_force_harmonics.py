@@ -54,6 +54,7 @@ def test_what_is_not_known_is_not_in_the_legend(figures):
     assert "dynamometer, the same harmonics" in entries("two cuts, a bad sensor")
 
 
+@pytest.mark.usefixtures("coarse_png")
 @pytest.mark.parametrize("format", ["svg", "png"])
 def test_the_same_record_gives_the_same_file(format):
     forces = MAKERS["four teeth"]()
