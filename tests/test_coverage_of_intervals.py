@@ -5,6 +5,7 @@ therefore a fault of the whole chain. The full study is marked long.
 """
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -46,6 +47,7 @@ CASES = {  # cutter, direction, radial depth, options of the fit
 }  # fmt: skip
 
 
+@lru_cache(maxsize=16)  # methods see the same cuts
 def series(
     cutter: Cutter,
     direction: str,

@@ -131,6 +131,7 @@ def test_every_figure_bears_one_of_the_known_names(figures):
     assert [name for name in figures if not NAMES.fullmatch(name.rpartition(": ")[2])] == []
 
 
+@pytest.mark.usefixtures("coarse_png")
 @pytest.mark.parametrize("format", sheet.FORMATS)
 def test_the_same_records_give_the_same_bytes_whatever_the_user_has_set(results, format):
     import matplotlib

@@ -267,12 +267,12 @@ def test_intervals_of_the_smoother_hold_as_often_as_they_say(seeds):
 def test_what_little_air_leaves_unsure_of_the_offset_is_in_the_intervals():
     whole = cut(seconds=0.4, lowpass=None, conditions=replace(CONDITIONS, radial_depth=12e-3, direction="slot"))
     little = replace(whole, air_force=whole.air_force[:, :400], air_spans=((0, 400),))
-    step = len(followed(whole).time) // 2
+    sure, unsure = followed(whole), followed(little)
+    step = len(sure.time) // 2
 
     def half(found):
         return (np.log(found.specific_high) - np.log(found.specific_low))[step] / 2
 
-    sure, unsure = followed(whole), followed(little)
     wrong = 1.96 * 8.0 / np.sqrt(400)  # N, as the mean of so little air may be
     moved = [
         np.log(followed(replace(little, force=little.force + wrong * axis[:, np.newaxis])).specific_force[step])
