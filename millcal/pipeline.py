@@ -170,6 +170,7 @@ def _stages(recipe: Recipe, seed: int, progress: Progress) -> tuple[dict[str, An
             results["stability"] = map_stability(
                 dynamics,
                 results["coefficients"].posterior,
+                modes=results.get("modes") if recipe.stability.dynamics in (None, "modes") else None,
                 **arguments,
                 tests=_test_cuts(recipe, arguments, notices),
                 rng=np.random.default_rng(seed),
@@ -388,6 +389,7 @@ def _test_cuts(recipe: Recipe, arguments: Mapping[str, Any], notices: list[Notic
         recipe.test_cuts,
         radial_depth=arguments["diameter"] if slot else arguments["radial_depth"],
         direction=arguments["direction"],
+        diameter=arguments["diameter"],
     )
     notices += told
     return made

@@ -10,6 +10,7 @@ from millcal.cli.stability_input import (
     METHODS,
     above_zero,
     finite,
+    friction_ignored,
     geometry,
     one_of,
     read_cutting,
@@ -22,6 +23,7 @@ from millcal.cli.stability_input import (
 FIGURES = (".png", ".svg", ".pdf")
 MANY, FEW = 400, 60  # speeds of a map, at least; those of cuts in time take long
 MOST = 20_000  # speeds that are worth their time
+FRICTION = 0.3  # of the flank
 
 
 def stability(
@@ -41,13 +43,13 @@ def stability(
         Path | None, typer.Option("--setup", help="SETUP.toml with [cutter], [conditions], and [structure] if no FRF.")
     ] = None,
     method: Annotated[
-        str,
+        str | None,
         typer.Option(
             "--method",
-            help="zoa (default): zero-order approximation, no flip lobes. Right at low immersion: floquet, of modes; frf, of an "
-            "FRF as measured; time-domain, of modes, with teeth that leave the cut.",
+            help="zoa: zero-order approximation. Right in interrupted cuts, too: floquet, of modes; frf, of an FRF as measured; "
+            "time-domain, of modes, with teeth that leave the cut. Default: zoa where floquet or frf agree with it, else these.",
         ),
-    ] = "zoa",
+    ] = None,
     compare: Annotated[
         bool, typer.Option("--compare", help="Print every method that applies side by side; takes --frf and --modes.")
     ] = False,
@@ -67,7 +69,10 @@ def stability(
         ),
     ] = None,
     deepest_mm: Annotated[
-        float | None, typer.Option("--deepest-mm", help="How deep to look (not zoa); default: by the map itself.")
+        float | None,
+        typer.Option(
+            "--deepest-mm", help="How deep to look; default: by the map itself, zoa: as deep as there are limits."
+        ),
     ] = None,
     teeth: Annotated[int | None, typer.Option("--teeth", min=1, help="Default: the cutter's.")] = None,
     diameter_mm: Annotated[float | None, typer.Option("--diameter-mm", help="Default: the cutter's.")] = None,
@@ -88,7 +93,9 @@ def stability(
             "--process-damping", metavar="N_PER_MM", min=0, help="Indentation constant of process damping, N/mm."
         ),
     ] = 0.0,
-    friction: Annotated[float, typer.Option("--friction", min=0, help="Of the flank, with --process-damping.")] = 0.3,
+    friction: Annotated[
+        float | None, typer.Option("--friction", min=0, help="Of the flank, with --process-damping; default: 0.3.")
+    ] = None,
     operating: Annotated[
         tuple[float, float] | None,
         typer.Option("--operating", metavar="RPM AP_MM", help="A cut to judge; default: the cuts', where they agree."),
@@ -126,7 +133,7 @@ def stability(
     if not (compare and frf is not None and modes is not None):
         said = setup if frf is None and modes is None else None
         one_of({"--frf": frf, "--modes": modes, "--setup with [structure]": said})
-    check_choice("--method", method, METHODS)
+    check_choice("--method", method, (None, *METHODS))
     check_choice("--direction", direction, (None, "up", "down", "slot"))
     check_choice("--rigid", rigid, ("", "x", "y"))
     above_zero(
@@ -162,10 +169,12 @@ def stability(
     cutter, cuts, posterior, notices = read_cutting(coefficients, ktc, krc, setup)
     cutting = geometry(cutter, teeth, diameter_mm, helix_deg, pitch_deg)
     of_method = {"helix": cutting["helix"], "pitch": cutting["pitch"], "damping": damping}
-    reason = why_not(method, frf=frf is not None, modes=frf is None or modes is not None, **of_method)
+    reason = method and why_not(method, frf=frf is not None, modes=frf is None or modes is not None, **of_method)
     if reason:
         raise typer.BadParameter(reason, param_hint="--method")
     lines, fitted = read_dynamics(frf, modes, setup)
+    if friction is not None and not damping:
+        notices.append(friction_ignored())
     if frf is not None and frf.suffix.lower() not in (".h5", ".hdf5"):  # what millcal itself found was told when it did
         notices += lines.notices
 
@@ -202,7 +211,7 @@ def stability(
         "points": points or _round_points(low, high, FEW if method == "time-domain" else MANY),
         "deepest": None if deepest_mm is None else from_shop(deepest_mm, "deepest_mm"),
         "indentation": from_shop(damping, "x_N_per_mm"),
-        "indentation_friction": friction,
+        "indentation_friction": FRICTION if friction is None else friction,
         "edge": None if kte is None else (from_shop(kte, "Kte_N_per_mm"), from_shop(kre, "Kre_N_per_mm")),
         "rigid": rigid,
     }
@@ -210,7 +219,7 @@ def stability(
     if tests is not None:
         from millcal.io.cuts_log import cuts_on_map, read_cuts_log
 
-        where = {"radial_depth": asked["radial_depth"], "direction": asked["direction"]}
+        where = {key: asked[key] for key in ("radial_depth", "direction", "diameter")}
         made, told = cuts_on_map(read_cuts_log(tests), tests, **where)
         notices += told
     with progress_bar(quiet) as progress:
@@ -218,10 +227,11 @@ def stability(
 
         share = 0.5 if compare else 1.0
         found = map_stability(
-            fitted if lines is None or (fitted is not None and method in ("floquet", "time-domain")) else lines,
+            fitted if lines is None else lines,
             posterior,
             **asked,
             method=method,
+            modes=fitted,
             members=members,
             probability=probability,
             operating_point=point,

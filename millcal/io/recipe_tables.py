@@ -237,10 +237,11 @@ class StabilityTable(Table):
     }
     not_arguments: ClassVar = frozenset({"dynamics", "tests"})
     OF_MODES: ClassVar = ("floquet", "time-domain")
-    method: Literal["zoa", "floquet", "frf", "time-domain"] = Field(
-        "zoa",
-        description="zoa: zero-order approximation, without flip lobes; right at low immersion are floquet, of modes, and frf, "
-        "of the FRF as measured; time-domain: of modes, with teeth that leave the cut",
+    method: Literal["zoa", "floquet", "frf", "time-domain"] | None = Field(
+        None,
+        description="zoa: zero-order approximation; right in interrupted cuts too are floquet, of modes, and frf, of the FRF as "
+        "measured; time-domain: of modes, with teeth that leave the cut; when absent zoa where floquet or frf agree with it, else "
+        "these",
     )
     dynamics: Literal["frf", "corrected", "modes"] | None = Field(
         None,
@@ -250,7 +251,7 @@ class StabilityTable(Table):
     rpm: Span = Field(description="[lowest, highest] spindle speed of the map, rpm")
     points: int = Field(400, ge=2, le=20_000, description="number of speeds of the map")
     deepest_mm: Positive | None = Field(
-        None, description="how deep to look, mm (not zoa); by the map itself when absent"
+        None, description="how deep to look, mm; by the map itself when absent, with zoa as deep as there are limits"
     )
     members: int = Field(2000, ge=0, description="draws for the band on the limit and for probabilities; 0 for none")
     probability: bool | Annotated[int, Field(ge=2)] = Field(
@@ -280,8 +281,10 @@ class StabilityTable(Table):
             return "dynamics", f"method {self.method} is of modes; leave the key out"
         if self.method == "frf" and self.dynamics == "modes":
             return "dynamics", 'method frf is of the FRF as measured; leave the key out, or write method = "floquet"'
-        if self.process_damping_N_per_mm and not modal:
+        if self.process_damping_N_per_mm and self.method is not None and not modal:
             return "process_damping_N_per_mm", f"method {self.method} knows none; take floquet, or leave it out"
+        if "friction" in self.model_fields_set and not self.process_damping_N_per_mm:
+            return "friction", "counts with process_damping_N_per_mm alone; write that, too, or leave it out"
         if self.probability and self.members < 2:
             return "probability", "needs draws; leave `members` out"
         return None

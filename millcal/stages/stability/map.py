@@ -15,18 +15,24 @@ from millcal.physics.cutter import Cutter, CuttingConditions, engagement
 from millcal.physics.mean_torque import mean_torque
 from millcal.physics.stability.regeneration import Crossings, Regeneration
 from millcal.physics.stability.stable_depths import edge_table
+from millcal.stages.stability.choice import method_for
 from millcal.stages.stability.coefficients import cutting_draws, edge_force, tangential_law
-from millcal.stages.stability.cuts import held_against, simulated_over
+from millcal.stages.stability.cuts import held_against, on_speeds, simulated_over
 from millcal.stages.stability.method import Asked, Method, Sampling, Solve
 from millcal.stages.stability.methods import DEEPER, METHODS, OVER_MINIMUM
 from millcal.stages.stability.operating import SAFE, Columns, judged
-from millcal.stages.stability.pockets import best_speeds, pockets, refined, safest
-from millcal.stages.stability.possible import refuse_impossible
-from millcal.stages.stability.spread import Spread, band_speeds, spread_of
+from millcal.stages.stability.pockets import HELD, around, best_speeds, held, pockets, refined, safest
+from millcal.stages.stability.possible import DEEP, doubtful, doubtful_limit, refuse_impossible
+from millcal.stages.stability.spread import PAST, Spread, band_speeds, spread_of
 from millcal.units import to_shop
 
 DEPTHS = 80  # of a map of probabilities
 ALIKE = 1e-3  # share by which two ways to the same limit may differ
+NEAR = 5  # speeds about that of the point at which another cutter is looked at
+CAUTION = (
+    "come to these depths from below: they are those of small vibrations, and in a cut so short a knock throws a tooth out, "
+    "so that some cuts chatter before their limit (method time-domain, --simulate-points)"
+)
 HELIX = np.radians(30.0)  # of a cutter that is held against one whose period doubles
 
 
@@ -44,7 +50,8 @@ def map_stability(
     helix: float = 0.0,
     runout: tuple[float, float] = (0.0, 0.0),
     rigid: str = "",
-    method: str = "zoa",
+    method: str | None = None,
+    modes: Modes | None = None,
     points: int = 400,
     deepest: float | None = None,
     indentation: float = 0.0,
@@ -65,7 +72,8 @@ def map_stability(
     diameter, radial_depth, feed_per_tooth : m   spindle_speed : (lowest, highest) rad/s   pitch : (tooth,) rad   helix : rad
     runout : (c0, s0) m as in the time domain, which alone counts it towards stability
     rigid : axes that may be missing from `dynamics`, "x" or "y", because the user knows them to be rigid
-    method : zoa, floquet (needs modes), frf (needs an FRF), time-domain (needs modes)
+    method : zoa, floquet (needs modes), frf (needs an FRF), time-domain (needs modes); None: zoa where it is right (`choice`)
+    modes : those fitted to an FRF that is given, for methods that need them
     deepest : m, how deep to look; None: from the zero-order limit, the operating point and the tests
     indentation, indentation_friction : C in N/m and mu of process damping; 0: none
     edge : (K_te, K_re) N/m, for torque, power and the time domain; None: those of the coefficients, if they have them
@@ -74,7 +82,7 @@ def map_stability(
     simulate : (speeds, depths) of points cut in the time domain, whatever the method; with an operating point also a line of
     depths at its speed   rng : needed for a band
     """
-    if method not in METHODS:
+    if method is not None and method not in METHODS:
         raise ValueError(f"{method=} is none of {', '.join(METHODS)}")
     low, high = spindle_speed
     progress = progress or (lambda share, label: None)
@@ -94,6 +102,19 @@ def map_stability(
     mean_chip = (feed_per_tooth or 0.0) * (np.cos(entry) - np.cos(leave)) / (leave - entry)
     (ktc, krc), draws, notices = cutting_draws(posterior, mean_chip, members, rng)
     edge = edge_force(posterior) if edge is None else edge
+    notices += doubtful(
+        ktc=float(ktc),
+        krc=float(krc),
+        edge=edge,
+        spindle_speed=spindle_speed,
+        diameter=diameter,
+        radial_depth=radial_depth,
+        feed_per_tooth=feed_per_tooth,
+        deepest=deepest,
+        indentation=indentation,
+        friction=indentation_friction,
+        operating_point=operating_point,
+    )
     cutter = Cutter(
         diameter,
         teeth,
@@ -116,8 +137,9 @@ def map_stability(
     )
     marked = [] if operating_point is None else [operating_point[0]]
     depths = [0.0, *([] if operating_point is None else [operating_point[1]])]
-    if tests is not None and len(tests.axial_depth):
-        depths.append(float(tests.axial_depth.max()))
+    if tests is not None:  # as far as they lie on the map: one odd row is not to rule how deep it looks
+        on_map = on_speeds(tests, low, high) & (tests.axial_depth <= DEEP * diameter)
+        depths += tests.axial_depth[on_map].tolist()
     asked = Asked(
         cut=cut,
         speeds=(min([low, *marked]), max([high, *marked])),
@@ -128,54 +150,69 @@ def map_stability(
         edge=edge,
         runout=runout,
     )
-    chosen = METHODS[method](dynamics, asked)
+    chosen, told = method_for(method, dynamics, modes, asked, lambda share: progress(0.1 * share, "method"))
+    notices += told
 
     speeds = np.linspace(low, high, points)
-    closely = chosen.with_noise if rng is not None and members > 1 and chosen.with_noise else chosen.solve
-    solution = closely(speeds, cut, lambda share: progress(0.02 + 0.38 * share, "limit"))
+    wanted = (
+        rng is not None
+        and members > 1
+        and chosen.banded
+        and bool(chosen.draw or chosen.with_noise or draws is not None)
+    )
+    # A limit just past the deepest that is told may be as uncertain as one just above it.
+    further = chosen.further(PAST * chosen.deepest) if wanted and chosen.further is not None else chosen
+    closely = further.with_noise if wanted and further.with_noise else chosen.solve
+    looked = closely(speeds, cut, lambda share: progress(0.1 + 0.3 * share, "limit"))
+    solution = looked._replace(crossings=_down_to(looked.crossings, chosen), edges=_down_to(looked.edges, chosen))
     table = edge_table(solution.edges, points)
 
     def edges_at(some: np.ndarray) -> np.ndarray:
         return edge_table(chosen.solve(some, cut, lambda share: None).edges, len(some))
 
     tops = pockets(lambda some: edges_at(some)[:, 0], speeds, table[:, 0], chosen.deepest, chosen.refine)
-    extra = np.concatenate([tops, marked])
+    extra = np.concatenate([around(tops, low, high), marked])
+    if operating_point is not None and _outside(operating_point[0], speeds):
+        _refuse_crowded(chosen, cut, operating_point[0])
     beside, noise, told = _beside(chosen, closely, cut, extra)
     notices += told
+    deep = _stacked(edge_table(looked.edges, points), edge_table(beside, len(extra)))
+    beside = _down_to(beside, chosen)
     beside_table = edge_table(beside, len(extra))
     everywhere = np.concatenate([speeds, extra])
     both = _stacked(table, beside_table)
 
     spread = None
-    if rng is not None and members > 1 and chosen.banded:
+    if wanted and rng is not None:
         dear = chosen.draw is not None or draws is not None  # else the noise is known at every speed
-        at = band_speeds(speeds, extra, chosen.band_speeds if dear else None)
-        order = np.argsort(everywhere, kind="stable")
-        chosen_speeds = order[np.searchsorted(everywhere[order], at)]
-        known = None if solution.inverse_sd is None or noise is None else np.concatenate([solution.inverse_sd, noise])
+        at = band_speeds(speeds, table[:, 0], extra, chosen.band_speeds if dear else None)
+        places, once = np.unique(everywhere, return_index=True)
+        nominal = _known_past(deep[once], places, further, cut) if further is not chosen else deep[once]
+        known = (
+            None if solution.inverse_sd is None or noise is None else np.concatenate([solution.inverse_sd, noise])[once]
+        )
         sampling = Sampling(at, members, draws, rng, lambda share: progress(0.42 + 0.5 * share, "band"))
-        spread = spread_of(chosen, cut, both[chosen_speeds], None if known is None else known[chosen_speeds], sampling)
+        spread = spread_of(further, cut, places, nominal, known, sampling, chosen.deepest)
     band = None if spread is None else spread.band(everywhere)
-    if band is not None and chosen.band_speeds is not None:  # between its speeds a corner of the limit may stick out
-        band = np.array([np.minimum(band[0], both[:, 0]), np.maximum(band[1], both[:, 0])])
     limits = both[:, 0]
     picture = _picture(limits, chosen.deepest, asked)
-    runnable = np.minimum(SAFE * limits[:points] if band is None else band[0, :points], picture)
 
     width = None if feed_per_tooth is None else radial_depth * feed_per_tooth * teeth / (2 * np.pi)
     order = np.argsort(everywhere, kind="stable")
     order = order[(everywhere[order] >= low) & (everywhere[order] <= high)]
     ascending, below = everywhere[order], limits[order] if band is None else np.minimum(band[0], limits)[order]
-    tops_depth = beside_table[: len(tops), 0]
+    tops_depth = held(ascending, limits[order], tops)
     if band is not None and len(tops):
-        tops = safest(tops, ascending, limits[order], below, chosen.deepest)
-        moved, _, told = _beside(chosen, chosen.solve, cut, tops)
+        holds = (held(ascending, depth, ascending) for depth in (limits[order], below))
+        tops = safest(tops, ascending, *holds, chosen.deepest)
+        moved, _, told = _beside(chosen, chosen.solve, cut, around(tops, low, high))
         notices += told
-        tops_depth = edge_table(moved, len(tops))[:, 0]
+        seen = edge_table(moved, 3 * len(tops))[:, 0].reshape(3, -1).min(axis=0)
+        tops_depth = np.minimum(seen, held(ascending, limits[order], tops))
     best = best_speeds(
         tops,
         np.minimum(tops_depth, chosen.deepest),
-        None if band is None or spread is None else band[:, order][:, np.searchsorted(ascending, tops)],
+        None if band is None else held(ascending, below, tops),
         spread,
         width=width,
         torque=_torque_per_depth(tangential_law(posterior, edge), cutter, conditions),
@@ -183,13 +220,18 @@ def map_stability(
     )
     operating = None
     if operating_point is not None:
-        columns = Columns(speeds, table, runnable, picture, edges_at if chosen.refine[0] else None)
+        safe = np.minimum(SAFE * limits[order] if band is None else below, picture)
+        within = ascending[0] <= operating_point[0] <= ascending[-1]
+        here = float(held(ascending, safe, np.array(marked))[0]) if within else np.inf
+        runnable = held(ascending, safe, speeds)
+        columns = Columns(speeds, table, runnable, here, picture, edges_at if chosen.refine[0] else None)
         own = _of_one(beside, len(extra) - 1)
         notices += _outside(operating_point[0], speeds)
         operating = _operating(chosen, cut, operating_point, own, columns, best, spread, cutter)
     first = solution.edges.first(points)
     on_map = (everywhere >= speeds[0]) & (everywhere <= speeds[-1])  # the operating point may lie beside it
     minimum = _minimum(chosen, cut, everywhere[on_map], limits[on_map])
+    notices += doubtful_limit(minimum[0], diameter)
     probabilities = _probabilities(spread, speeds, probability, picture)
     if probability and probabilities is None:
         what = "nothing is known to be uncertain, so there is no probability to map"
@@ -200,7 +242,7 @@ def map_stability(
     simulated = solution.simulated
     if simulate is not None:
         simulated, told = simulated_over(
-            dynamics,
+            dynamics if modes is None else modes,
             asked,
             speeds,
             simulate,
@@ -226,7 +268,7 @@ def map_stability(
         limit_high=None if band is None else band[1, :points],
         probability=None if probabilities is None else probabilities[1],
         probability_depth=None if probabilities is None else probabilities[0],
-        method=method,
+        method=chosen.name,
         deepest=chosen.deepest,
         teeth=teeth,
         radial_depth=radial_depth,
@@ -235,6 +277,7 @@ def map_stability(
         feed_per_tooth=feed_per_tooth,
         absolute_minimum=minimum[0],
         absolute_minimum_frequency=minimum[1],
+        absolute_minimum_speed=minimum[2],
         best=best,
         tests=tests,
         simulated=simulated,
@@ -277,6 +320,22 @@ def _beside(
     return Crossings(*(part[order] for part in together)), solution.inverse_sd, notices
 
 
+def _down_to(crossings: Crossings, chosen: Method) -> Crossings:
+    """Those that are told."""
+    return Crossings(*(part[crossings.depth <= chosen.deepest] for part in crossings))
+
+
+def _known_past(nominal: np.ndarray, speeds: np.ndarray, further: Method, cut: Regeneration) -> np.ndarray:
+    """Edges, with what lies past the deepest where nothing lies above it.   nominal : (speed, edge) m"""
+    without = np.flatnonzero(np.isinf(nominal[:, 0]))
+    if not len(without):
+        return nominal
+    past = edge_table(further.solve(speeds[without], cut, lambda share: None).edges, len(without))
+    both = _stacked(nominal, past)
+    both[without] = both[len(nominal) :]
+    return both[: len(nominal)]
+
+
 def _stacked(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Two tables of edges, one below the other.   returns (speed, edge)"""
     wide = max(one.shape[1], other.shape[1])
@@ -302,7 +361,8 @@ def _operating(
     cutter: Cutter,
 ) -> OperatingPoint:
     def others() -> list[tuple[str, float]]:
-        """Cutters of other teeth or with a helix, and their limits at the speed of the point."""
+        """Cutters of other teeth or with a helix, and the least of their limits about the speed of the point."""
+        near = point[0] * np.linspace(1 - HELD, 1 + HELD, NEAR)
         wound = replace(cut, wind=float(np.tan(HELIX)) / cutter.radius)
         tried = [(f"a cutter of {n} teeth" if n > 1 else "a cutter of one tooth", replace(cut, teeth=n, pitch=None))
                  for n in (cut.teeth + 1, cut.teeth - 1) if n]  # fmt: skip
@@ -310,12 +370,26 @@ def _operating(
             tried.append((f"a helix of {np.degrees(HELIX):.0f} deg", wound))
         found = []
         for what, other in tried:
-            depth = edge_table(chosen.solve(np.array([point[0]]), other, lambda share: None).edges, 1)[0, 0]
-            found.append((what, float(depth)))
+            depth = edge_table(chosen.solve(near, other, lambda share: None).edges, NEAR)[:, 0]
+            found.append((what, float(depth.min())))
         return sorted(found, key=lambda one: -one[1])
 
     limit = float(edge_table(own, 1)[0, 0])
-    return judged(point, own, limit, columns, best, spread, others if chosen.name == "floquet" else None)
+    leaves = cut.in_cut < 0.5 and chosen.name != "time-domain"
+    return judged(
+        point, own, limit, columns, best, spread, others if chosen.name == "floquet" else None, CAUTION if leaves else ""
+    )
+
+
+def _refuse_crowded(chosen: Method, cut: Regeneration, speed: float) -> None:
+    """Refuse a speed of the operating point that the method cannot solve, in its name: those of the map it can."""
+    try:
+        chosen.solve(np.array([speed]), cut, lambda share: None)
+    except IllPosedError as problem:
+        why = str(problem).partition(": ")[2].partition(";")[0]
+        raise IllPosedError(
+            f"stability.spindle_speed_rpm: the operating point (--operating): {why}; judge a cut at a higher speed, or use zoa"
+        ) from None
 
 
 def _outside(speed: float, speeds: np.ndarray) -> list[Notice]:
@@ -336,12 +410,15 @@ def _lobes(first: Crossings, speeds: np.ndarray, teeth: int) -> np.ndarray:
     return np.where(first.loses, np.floor(np.where(first.loses, waves, 0.0) + 1e-9), -1).astype(int)
 
 
-def _minimum(chosen: Method, cut: Regeneration, speeds: np.ndarray, limit: np.ndarray) -> tuple[float, float]:
-    """The lowest limit: of every speed where the method knows it, else over the range of the map.   returns m, Hz"""
+def _minimum(chosen: Method, cut: Regeneration, speeds: np.ndarray, limit: np.ndarray) -> tuple[float, float, float]:
+    """The lowest limit: of every speed where the method knows it, else over the range of the map, and where in it.
+
+    returns m, Hz, rad/s
+    """
     if chosen.minimum is not None:
-        return chosen.minimum(cut)
+        return *chosen.minimum(cut), np.nan
     if not np.isfinite(limit).any():
-        return np.inf, np.nan
+        return np.inf, np.nan, np.nan
 
     def first(some: np.ndarray) -> Crossings:
         return chosen.solve(some, cut, lambda share: None).edges.first(len(some))
@@ -351,7 +428,7 @@ def _minimum(chosen: Method, cut: Regeneration, speeds: np.ndarray, limit: np.nd
     low, lowest, high = (speeds[order[[min(max(place + k, 0), len(order) - 1)]]] for k in (-1, 0, 1))
     at = refined(lambda some: -first(some).depth, lowest, low, high, chosen.refine)
     found = first(at)
-    return float(found.depth[0]), float(found.frequency[0])
+    return float(found.depth[0]), float(found.frequency[0]), float(at[0])
 
 
 def _torque_per_depth(law, cutter: Cutter, conditions: CuttingConditions) -> float | None:

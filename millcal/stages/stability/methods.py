@@ -31,7 +31,7 @@ FRF_RATIOS = 4
 STRUCTURES = 1000  # draws of fitted modes, at most: of zoa, and of floquet where one mode moves,
 FLOQUET_STRUCTURES = 200  # where several do,
 SLOW_STRUCTURES = 60  # and with a helix or unequal pitch
-SKETCH = {"depths": 8, "tolerance": 1e-3, "depth_tolerance": 1e-6}  # of `boundary`, for draws that spread much wider
+SKETCH = {"depths": 12, "tolerance": 1e-3, "depth_tolerance": 1e-6}  # of `boundary`, for draws that spread much wider
 BAND_SPEEDS = 120  # speeds of the band of the slower methods,
 FRF_SPEEDS = 60  # of frf,
 DRAWN_SPEEDS = 80  # where every draw is another structure,
@@ -87,9 +87,10 @@ def zoa(dynamics: Frf | Modes, asked: Asked) -> Method:
         deepest=deepest,
         minimum=lambda cut: tip.minimum(_mean_matrix(cut)),
         ratios=RATIOS,
+        further=lambda _: zoa(dynamics, replace(asked, deepest=None)),
         draw=None if tip.draws is None else draw,
         told=lambda speeds, solution, rng: _band_notices(tip, speeds, _mean_matrix(cut), solution),
-        notices=(*tip.notices, *told, *_left_out_by_zero_order(cut)),
+        notices=(*tip.notices, *told),
     )
 
 
@@ -139,19 +140,21 @@ def floquet(dynamics: Frf | Modes, asked: Asked) -> Method:
         deepest=deepest,
         refine=(1, 7) if slow else (2, 9),
         ratios=3 if slow else FLOQUET_RATIOS,
+        further=lambda past: floquet(modes, replace(asked, deepest=past)),
         strengths=3 if asked.cut.wind or asked.cut.indentation else 1,
         draw=None if poles.draws is None else draw,
         band_speeds=None if one_mode else many_speeds,
         # a matrix that depends on the depth has no eigenvalues to go round with; of many teeth at once they are many
         check=None if asked.cut.wind or asked.cut.in_cut >= 1 else check,
         told=lambda speeds, solution, rng: _against(first, asked.cut, speeds, solution, deepest, "floquet"),
-        notices=(*_of_the_structure(first), *poles.notices, *notices, *_left_out_by_floquet(asked.cut)),
+        notices=(*first.notices, *poles.notices, *notices, *_left_out_by_floquet(asked.cut)),
     )
 
 
 def frf(dynamics: Frf | Modes, asked: Asked) -> Method:
     """The same as floquet with the lines of an FRF instead of poles."""
-    from millcal.stages.stability.from_frf import NINETY_FIVE, crossings_of_frf, moved_by_noise
+    from millcal.stages.stability.band_end import modes_at_the_end, moved_by_the_end
+    from millcal.stages.stability.from_frf import NINETY_FIVE, crossings_of_lines, moved_by_noise, of_the_band
 
     if not isinstance(dynamics, Frf):
         raise IllPosedError(
@@ -171,22 +174,20 @@ def frf(dynamics: Frf | Modes, asked: Asked) -> Method:
     deepest, notices = _look_to(first, asked)
 
     lines, _ = usable_lines(dynamics, asked.rigid)
-    # The band is where the noise, which is left out here, lets the lines be known.
-    bare = replace(dynamics, variance=None, usable_band=(float(lines.frequency[0]), float(lines.frequency[-1])))
+    bare = lines._replace(variance=None)
 
     def solve(speeds: np.ndarray, cut: Regeneration, progress: Progress) -> Solution:
-        found, *_ = crossings_of_frf(bare, speeds, cut, deepest=deepest, rigid=asked.rigid, progress=progress)
+        found, _ = crossings_of_lines(bare, speeds, cut, deepest=deepest, progress=progress)
         return Solution(found, edges_of(found, complete=True))
 
     def with_noise(speeds: np.ndarray, cut: Regeneration, progress: Progress) -> Solution:
-        found, low, high, told = crossings_of_frf(
-            dynamics, speeds, cut, deepest=deepest, rigid=asked.rigid, progress=progress
-        )
-        noise = None if low is None or high is None else (1 / low - 1 / high) / (2 * NINETY_FIVE)
-        return Solution(found, edges_of(found, complete=True), noise, notices=told)
+        found, ends = crossings_of_lines(lines, speeds, cut, deepest=deepest, progress=progress)
+        noise = None if ends is None else (ends[0] - ends[1]) / (2 * NINETY_FIVE)
+        return Solution(found, edges_of(found, complete=True), noise)
 
     def told(speeds: np.ndarray, solution: Solution, rng: np.random.Generator | None) -> list[Notice]:
         notices = _against(first, cut, speeds, solution, deepest, "frf")
+        notices += moved_by_the_end(lines, speeds, cut, deepest)
         if rng is not None and solution.inverse_sd is not None:
             notices += moved_by_noise(dynamics, speeds, cut, deepest=deepest, rng=rng, rigid=asked.rigid)
         return notices
@@ -198,9 +199,10 @@ def frf(dynamics: Frf | Modes, asked: Asked) -> Method:
         deepest=deepest,
         refine=(1, 7),
         ratios=FRF_RATIOS,
+        further=lambda past: frf(dynamics, replace(asked, deepest=past)),
         band_speeds=FRF_SPEEDS,
         told=told,
-        notices=(*_of_the_structure(first), *notices),
+        notices=(*first.notices, *of_the_band(lines), *modes_at_the_end(lines), *notices),
     )
 
 
@@ -231,7 +233,7 @@ def time_domain(dynamics: Frf | Modes, asked: Asked) -> Method:
         banded=False,
         told=lambda speeds, solution, rng: _against(first, asked.cut, speeds, solution, deepest, "time-domain"),
         notices=(
-            *_of_the_structure(first),
+            *first.notices,
             *poles.notices,
             *notices,
             Notice("no-band", "the time domain gives a line: what is uncertain is not drawn", level="note"),
@@ -295,11 +297,6 @@ def _as_asked(asked: Asked) -> tuple[float, list[Notice]]:
     return least, [Notice("deepest", what, "stability.deepest_mm")]
 
 
-def _of_the_structure(first: Method) -> tuple[Notice, ...]:
-    """What was said of the structure, without what the zero-order method says of itself."""
-    return tuple(notice for notice in first.notices if notice.code not in ZERO_ORDER_CODES)
-
-
 def _against(
     first: Method, cut: Regeneration, speeds: np.ndarray, solution: Solution, deepest: float, name: str
 ) -> list[Notice]:
@@ -318,34 +315,6 @@ def _against(
         f"{to_shop(speeds[i], 'x_rpm'):.0f} rpm, where {name} says {_mm(own[i])} and zero order {_mm(other[i])} mm"
     )
     return [Notice("methods-disagree", what, level="note")]
-
-
-ZERO_ORDER_CODES = ("mean-pitch", "flip-lobes", "no-process-damping")
-
-
-def _left_out_by_zero_order(cut: Regeneration) -> list[Notice]:
-    """What the zero-order theory leaves out of this cutter and this engagement."""
-    notices = []
-    if not cut.equal_pitch:
-        notices.append(
-            Notice(
-                "mean-pitch",
-                "the zero-order limit knows one pitch: the mean is used, and what the unequal pitch gains or loses is not shown "
-                "(method floquet shows it)",
-            )
-        )
-    if cut.in_cut < 0.5:
-        notices.append(
-            Notice(
-                "flip-lobes",
-                f"{cut.in_cut:.2f} teeth cut on average: period doubling, which the zero-order theory leaves out, can halve the "
-                "limit at some speeds; methods floquet and frf show where, else test deep pockets with a shallower cut first",
-            )
-        )
-    if cut.indentation:
-        what = "the zero-order limit knows no process damping; method floquet does"
-        notices.append(Notice("no-process-damping", what, "stability"))
-    return notices
 
 
 def _left_out_by_floquet(cut: Regeneration) -> list[Notice]:
@@ -386,6 +355,8 @@ def _band_notices(tip: Tip, speeds: np.ndarray, nominal: np.ndarray, solution: S
 def _mm(depth: float) -> str:
     return f"{to_shop(depth, 'x_mm'):.3g}"
 
+
+OF_MODES = ("floquet", "time-domain")
 
 METHODS: dict[str, Callable[[Frf | Modes, Asked], Method]] = {
     "zoa": zoa,

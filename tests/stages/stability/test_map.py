@@ -9,7 +9,7 @@ from millcal.data import Frf, Modes, Posterior
 from millcal.errors import IllPosedError
 from millcal.physics.cutting_force import Kienzle
 from millcal.physics.structure import Mode, convert_frf, convert_frf_variance, receptance
-from millcal.stages.stability import map_stability
+from millcal.stages.stability import choice, map_stability
 from millcal.stages.stability.lines import tip_receptance
 
 RPM = 2 * np.pi / 60
@@ -29,6 +29,7 @@ CUT = {
     "direction": "down",
     "feed_per_tooth": 0.1e-3,
     "spindle_speed": (4000 * RPM, 16_000 * RPM),
+    "method": "zoa",
 }
 
 
@@ -66,6 +67,12 @@ def measured(*, spacing=1.0, noise=0.0, rng=None, form="receptance", highest=250
         hits_used=(5, 5),
         usable_band=(low, highest),
     )
+
+
+@pytest.fixture(autouse=True)
+def unchallenged(monkeypatch):
+    """Nothing is held against zero order here: that is the matter of `test_choice`, and dear over hundreds of seeds."""
+    monkeypatch.setattr(choice, "_rival", lambda *given: None)
 
 
 def codes(found):
@@ -377,7 +384,7 @@ def test_a_slot_needs_no_radial_depth_and_is_the_full_immersion():
     assert slot.radial_depth == CUT["diameter"]
 
 
-def test_unequal_pitch_small_immersion_and_a_missing_feed_are_told():
+def test_unequal_pitch_and_a_missing_feed_are_told():
     found = map_stability(
         MODES,
         (KTC, KRC),
@@ -385,7 +392,7 @@ def test_unequal_pitch_small_immersion_and_a_missing_feed_are_told():
         pitch=np.radians([170.0, 190.0]),
         points=10,
     )
-    assert {"mean-pitch", "flip-lobes", "no-feed"} <= codes(found)
+    assert {"mean-pitch", "no-feed"} <= codes(found)
     assert all(np.isnan(best.removal_rate) for best in found.best)
 
 
@@ -424,7 +431,7 @@ def test_coefficients_without_krc_are_refused_by_name():
 
 def test_an_unknown_method_lists_those_there_are():
     with pytest.raises(ValueError, match="zoa"):
-        map_stability(MODES, (KTC, KRC), **CUT, method="magic")
+        map_stability(MODES, (KTC, KRC), **{**CUT, "method": "magic"})
 
 
 def test_the_same_seed_gives_the_same_band_and_progress_ends_at_one():
