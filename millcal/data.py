@@ -731,6 +731,7 @@ class StabilityMap(Record):
     lobe: np.ndarray = array("1", "speed")  # whole waves between two teeth; -1 where there is no limit
     limit_low: np.ndarray | None = array("m", "speed", optional=True)  # 95 % band
     limit_high: np.ndarray | None = array("m", "speed", optional=True)
+    draws: int | None = None  # that the band and the probabilities stand on
     crossing_speed: np.ndarray = array("rad/s", "crossing")
     crossing_depth: np.ndarray = array("m", "crossing")
     crossing_kind: np.ndarray = array("1", "crossing")

@@ -47,10 +47,30 @@ def crossings_of_frf(
     Raises IllPosedError where the lines are no receptance to stand on, or a tooth cuts through too many waves.
     """
     lines, notices = usable_lines(dynamics, rigid)
+    found, ends = crossings_of_lines(lines, speeds, cut, deepest=deepest, progress=progress)
+    told = (*notices, *of_the_band(lines))
+    if ends is None:
+        return found, None, None, told
+    low, high = np.where(ends > 0, 1 / np.where(ends > 0, ends, 1.0), np.inf)
+    return found, low, high, told
+
+
+def crossings_of_lines(
+    lines: Lines,
+    speeds: np.ndarray,
+    cut: Regeneration,
+    *,
+    deepest: float,
+    progress: Callable[[float], None] | None = None,
+) -> tuple[Crossings, np.ndarray | None]:
+    """The same of usable lines: crossings, and the ends of the 95 % band as 1/b, which may lie below zero.
+
+    speeds : (speed,) rad/s   deepest : m   returns Crossings, (2, speed) 1/m, the larger first and 0 where nothing is found; None
+    without a variance
+    """
     problem = _problem(lines, cut, deepest)
-    notices = [*notices, *_of_the_band(lines)]
     parts: list[Crossings] = []
-    low, high = np.full(len(speeds), np.inf), np.full(len(speeds), np.inf)
+    ends = np.zeros((2, len(speeds)))
     for those, basis in problem.bases(np.asarray(speeds, float)):
         for i in those.tolist():
             if progress is not None:
@@ -58,11 +78,8 @@ def crossings_of_frf(
             found, angle = crossings_at(problem, float(speeds[i]), basis, i)
             parts.append(found)
             if lines.variance is not None:
-                low[i], high[i] = _ends(problem, float(speeds[i]), basis, found, angle, lines.variance)
-    crossings = one_behind_the_other(parts)
-    if lines.variance is None:
-        return crossings, None, None, tuple(notices)
-    return crossings, low, high, tuple(notices)
+                ends[:, i] = _ends(problem, float(speeds[i]), basis, found, angle, lines.variance)
+    return one_behind_the_other(parts), None if lines.variance is None else ends
 
 
 def moved_by_noise(
@@ -82,10 +99,8 @@ def moved_by_noise(
     if lines.variance is None:
         return ()
     tried = np.asarray(speeds, float)[np.unique(np.linspace(0, len(speeds) - 1, SPEEDS).astype(int))]
-    _, low, high, _ = crossings_of_frf(dynamics, tried, cut, deepest=deepest, rigid=rigid)
-    assert low is not None
-    assert high is not None
-    bounds = 1 / np.stack([low, high])
+    _, bounds = crossings_of_lines(lines, tried, cut, deepest=deepest)
+    assert bounds is not None
     middle, sd = bounds.mean(axis=0), (bounds[0] - bounds[1]) / (2 * NINETY_FIVE)
     outside = np.zeros(len(tried), int)
     for _ in range(DRAWS):
@@ -116,23 +131,20 @@ def _ends(
     angle: np.ndarray,
     variance: np.ndarray,
 ) -> tuple[float, float]:
-    """Ends of the band of the first limit of one speed, m."""
-    low = high = np.inf
+    """Ends of the band of the first limit of one speed as 1/b, the larger first; 0 where there is none.   1/m"""
+    most, least = 0.0, -np.inf
     for i in np.argsort(found.depth, kind="stable"):
         if not found.loses[i]:
             continue
-        if found.depth[i] > min(
-            2 * low, problem.deepest
-        ):  # far above what is lowest: no noise that a band can tell brings it down
-            break
+        if found.depth[i] > problem.deepest or found.depth[i] * most > 2:
+            break  # far above what is lowest: no noise that a band can tell brings it down
         inverse = 1 / found.depth[i]
         spread = NINETY_FIVE * inverse_depth_sd(problem, speed, basis, float(angle[i]), float(found.depth[i]), variance)
-        low = min(low, 1 / (inverse + spread))
-        high = min(high, 1 / (inverse - spread) if inverse > spread else np.inf)
-    return low, high
+        most, least = max(most, inverse + spread), max(least, inverse - spread)
+    return most, least if most else 0.0
 
 
-def _of_the_band(lines: Lines) -> list[Notice]:
+def of_the_band(lines: Lines) -> list[Notice]:
     """What a band that ends too early, or begins too late, leaves open."""
     frequency = lines.frequency
     absorbed = -frequency[:, np.newaxis] * np.einsum("fii->fi", lines.values).imag  # in proportion to the mobility
@@ -147,7 +159,7 @@ def _of_the_band(lines: Lines) -> list[Notice]:
     notices = []
     if frequency[-1] < SHORT_BAND * max(peaks):
         off = (
-            "limits may be off by a tenth"
+            "limits may be anywhere within a multiple"
             if frequency[-1] < VERY_SHORT * max(peaks)
             else "some limits may be off by percents"
         )

@@ -27,6 +27,7 @@ from millcal.stages.stability.spread import PAST, Spread, band_speeds, spread_of
 from millcal.units import to_shop
 
 DEPTHS = 80  # of a map of probabilities
+FEWEST, FOR_95 = 2, 39  # draws for any band, and for one of 95 %: the ends of n draws hold (n - 1) / (n + 1)
 ALIKE = 1e-3  # share by which two ways to the same limit may differ
 NEAR = 5  # speeds about that of the point at which another cutter is looked at
 CAUTION = (
@@ -193,6 +194,7 @@ def map_stability(
         )
         sampling = Sampling(at, members, draws, rng, lambda share: progress(0.42 + 0.5 * share, "band"))
         spread = spread_of(further, cut, places, nominal, known, sampling, chosen.deepest)
+    notices += _drawn(spread, members, draws, chosen, rng)
     band = None if spread is None else spread.band(everywhere)
     limits = both[:, 0]
     picture = _picture(limits, chosen.deepest, asked)
@@ -234,8 +236,12 @@ def map_stability(
     notices += doubtful_limit(minimum[0], diameter)
     probabilities = _probabilities(spread, speeds, probability, picture)
     if probability and probabilities is None:
-        what = "nothing is known to be uncertain, so there is no probability to map"
-        notices.append(Notice("no-probability", what, "stability.probability"))
+        why = (
+            f"{chosen.name} does not follow what is uncertain (methods zoa, floquet and frf do)" if not chosen.banded
+            else "nothing was drawn" if members < FEWEST or rng is None
+            else "nothing is known to be uncertain"
+        )  # fmt: skip
+        notices.append(Notice("no-probability", f"{why}, so there is no probability to map", "stability.probability"))
     if tests is not None:
         tests, told = held_against(tests, speeds, chosen, cut)
         notices += told
@@ -266,6 +272,7 @@ def map_stability(
         operating=operating,
         limit_low=None if band is None else band[0, :points],
         limit_high=None if band is None else band[1, :points],
+        draws=None if spread is None else spread.members,
         probability=None if probabilities is None else probabilities[1],
         probability_depth=None if probabilities is None else probabilities[0],
         method=chosen.name,
@@ -318,6 +325,29 @@ def _beside(
     together = Crossings(*(np.concatenate(parts) for parts in zip(*believed, strict=True)))
     order = np.lexsort((together.depth, together.speed))
     return Crossings(*(part[order] for part in together)), solution.inverse_sd, notices
+
+
+def _drawn(
+    spread: Spread | None, members: int, draws: np.ndarray | None, chosen: Method, rng: np.random.Generator | None
+) -> list[Notice]:
+    """Where the draws are other than were asked for, or too few for what is said of them."""
+    if rng is None or not chosen.banded:
+        return []
+    if members == 1:
+        what = f"one draw makes no band: ask for {FOR_95} or more, or for 0 to have none"
+        return [Notice("draws", what, "stability.members")]
+    if spread is None:
+        return []
+    made, notices = spread.members, []
+    asked = members if draws is None else min(members, len(draws))
+    if made < asked:
+        what = f"band and probabilities stand on {made} draws instead of {members}: each of them is another structure to solve"
+        notices.append(Notice("draws", what, "stability.members", "note"))
+    if made < FOR_95:
+        held = (made - 1) / (made + 1)
+        what = f"{made} draws hold {held:.0%} between their ends, and no more does the band; 95 % need {FOR_95}"
+        notices.append(Notice("few-draws", what, "stability.members"))
+    return notices
 
 
 def _down_to(crossings: Crossings, chosen: Method) -> Crossings:
@@ -377,7 +407,14 @@ def _operating(
     limit = float(edge_table(own, 1)[0, 0])
     leaves = cut.in_cut < 0.5 and chosen.name != "time-domain"
     return judged(
-        point, own, limit, columns, best, spread, others if chosen.name == "floquet" else None, CAUTION if leaves else ""
+        point,
+        own,
+        limit,
+        columns,
+        best,
+        spread,
+        others if chosen.name == "floquet" else None,
+        CAUTION if leaves else "",
     )
 
 

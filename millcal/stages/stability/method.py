@@ -69,5 +69,6 @@ class Method:
     banded: bool = True  # whether what is uncertain is followed at all
     band_speeds: int | None = None  # speeds of the band; None: all
     check: Callable[[np.ndarray, Regeneration], Crossings] | None = None  # edges at a few speeds, found another way
+    further: Callable[[float], "Method"] | None = None  # the same, to look down to another depth, m
     told: Callable[[np.ndarray, Solution, np.random.Generator | None], list[Notice]] | None = None  # of the whole map
     notices: tuple[Notice, ...] = ()

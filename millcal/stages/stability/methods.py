@@ -236,7 +236,11 @@ def time_domain(dynamics: Frf | Modes, asked: Asked) -> Method:
             *first.notices,
             *poles.notices,
             *notices,
-            Notice("no-band", "the time domain gives a line: what is uncertain is not drawn", level="note"),
+            Notice(
+                "no-band",
+                "the time domain gives a line: what is uncertain is not followed, whatever members says",
+                level="note",
+            ),
         ),
     )
 

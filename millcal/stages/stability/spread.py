@@ -16,6 +16,10 @@ limit of the measured lines, and is normal in 1/b, in which the eigenvalue is li
 
 Fitted modes. Their errors move frequencies, damping and residues together and with them the lobes, which no first order at
 one frequency sees; so the limit is solved anew for structures drawn from the fit, each with coefficients of its own.
+
+Between the speeds of the band. The limit turns and jumps from speed to speed, its uncertainty does not: so a draw is carried as
+a share of the nominal edges of each speed, which are known there. All of this looks deeper than the map (`PAST`), since a
+limit just above the deepest cut that is told is as uncertain as one just below it.
 """
 
 from dataclasses import dataclass
@@ -26,6 +30,10 @@ from millcal.physics.stability.regeneration import Regeneration
 from millcal.physics.stability.stable_depths import edge_table, stable_share
 from millcal.stages.stability.method import Method, Sampling
 
+PAST = 1.5  # times the deepest depth of the map: so far the draws are followed
+JUMP = 0.15  # of ln b from one speed to the next: more is no slope
+AT_ONCE = 256  # speeds, so that many draws of a fine map fit the memory
+
 
 @dataclass(frozen=True, eq=False)
 class Spread:
@@ -33,56 +41,140 @@ class Spread:
 
     speed: np.ndarray  # (speed,) rad/s, ascending
     edges: np.ndarray  # (member, speed, edge) m
+    everywhere: np.ndarray  # (place,) rad/s, ascending, those of the band among them
+    nominal: np.ndarray  # edges there with the mean of everything, (place, edge) m
+    deepest: float = np.inf  # m: ends of the band below it are told
+
+    @property
+    def members(self) -> int:
+        """Draws there are."""
+        return len(self.edges)
 
     def band(self, speed: np.ndarray) -> np.ndarray:
-        """Ends of the interval of 95 % of the first limit, between the speeds of the band by 1/b.   returns (2, speed) m"""
-        inverse = np.quantile(1 / self.edges[:, :, 0], [0.975, 0.025], axis=0)
-        at = np.stack([np.interp(speed, self.speed, q) for q in inverse])
-        return np.where(at > 0, 1 / np.where(at > 0, at, 1.0), np.inf)
+        """Ends of the interval of 95 % of the first limit, inf below `deepest`.   speed : rad/s   returns (2, speed) m"""
+        ends = [self._inverse(part)[:, :, 0] for part in _parts(speed)]
+        inverse = np.concatenate([np.stack([_end(part, 0.975), _end(part, 0.025)]) for part in ends], axis=1)
+        depth = _depth(inverse)
+        return np.where(depth <= self.deepest, depth, np.inf)
 
     def share(self, depth: np.ndarray, speed: np.ndarray) -> np.ndarray:
         """P_stable.   depth : (depth,) m, ascending   speed : (speed,) rad/s   returns (depth, speed)"""
-        return stable_share(self.edges_at(speed), depth)
+        return np.concatenate([stable_share(self.edges_at(part), depth) for part in _parts(speed)], axis=1)
 
     def edges_at(self, speed: np.ndarray) -> np.ndarray:
-        """Edges of every draw between the speeds of the band, by 1/b; of several edges where both sides have as many.
+        """Edges of every draw, between the speeds of the band as shares of the nominal ones.   returns (member, speed, edge)
 
-        Interpolating P itself would make steps of a steep limit.   returns (member, speed, edge) m
+        Interpolating P itself would make steps of a steep limit. Speeds that have no nominal edges take those of the nearest.
         """
-        left, right, share = _place(self.speed, speed)
-        by_speed = np.swapaxes(1 / self.edges, 0, 1)  # (speed, member, edge)
-        inverse = np.swapaxes(_mixed(by_speed[left], by_speed[right], share), 0, 1)
-        return np.where(inverse > 0, 1 / np.where(inverse > 0, inverse, 1.0), np.inf)
+        return _depth(self._inverse(speed))
 
     def at(self, speed: float, depth: float) -> float:
         """P_stable of one cut."""
         return float(self.share(np.array([depth]), np.array([speed]))[0, 0])
 
+    def _inverse(self, speed: np.ndarray) -> np.ndarray:
+        """1/b of every edge, 0 where there is none.   returns (member, speed, edge) 1/m"""
+        left, right, share = _place(self.speed, speed)
+        exact = (share == 0) | (share == 1)
+        if exact.all():
+            return 1 / self.edges[:, np.where(share == 1, right, left)]
+        one, other = 1 / self.edges[:, left], 1 / self.edges[:, right]
+        own, of_one, of_other = (
+            1 / self.nominal[_nearest(self.everywhere, at)] for at in (speed, self.speed[left], self.speed[right])
+        )
+        near = (share >= 0.5)[:, np.newaxis]
+        many, many_one, many_other = (np.count_nonzero(part, axis=1) for part in (own, of_one, of_other))
+        count, count_other = np.count_nonzero(one, axis=2), np.count_nonzero(other, axis=2)
+        alike = count == count_other  # (member, speed)
+        # The nominal edge by which each edge is measured: its own where a draw has as many, else the first.
+        level = np.log([_depth(part[:, 0]) for part in (own, of_one, of_other)])
+        steady, near_steady = (
+            np.isfinite(some).all(axis=0) & (np.ptp(np.where(np.isfinite(some), some, 0.0), axis=0) < 2 * JUMP)
+            for some in (level, np.stack([level[0], np.where(near[:, 0], level[2], level[1])]))
+        )
+        equal = (many_one == many) & (many_other == many) & (many > 0)
+        same, near_same = equal | steady, near_steady
+        measured = np.where(alike, same, near_same)[:, :, np.newaxis]
+        each = (alike & equal & (count == many))[:, :, np.newaxis]
+        unit_one, unit_other, unit = (
+            np.where(measured, np.where(each, _wide(part, one.shape[2]), part[:, :1]), 1.0)
+            for part in (of_one, of_other, own)
+        )
+        one, other = (
+            np.divide(edge, by, out=np.zeros_like(edge), where=by > 0)
+            for edge, by in ((one, unit_one), (other, unit_other))
+        )
+        part = np.where(alike, share, near[:, 0].astype(float))[:, :, np.newaxis]
+        mixed = (one * (1 - part) + other * part) * unit
+        return -np.sort(-mixed, axis=2)
+
+
+def _end(inverse: np.ndarray, share: float) -> np.ndarray:
+    """The order statistic of a share, (n + 1) share, which few draws do not pull inwards; none is no number to mix with.
+
+    inverse : (member, ...) 1/m, 0 where there is no limit   returns (...)
+    """
+    ordered, n = np.sort(inverse, axis=0), len(inverse)
+    place = np.clip((n + 1) * share, 1, n) - 1
+    below = int(place)
+    part = place - below
+    one, other = ordered[below], ordered[min(below + 1, n - 1)]
+    outer = other if share > 0.5 and part > 0 else one
+    return np.where((one > 0) & (other > 0), one + part * (other - one), outer)
+
+
+def _depth(inverse: np.ndarray) -> np.ndarray:
+    """inf where 1/b is 0 or less."""
+    return np.where(inverse > 0, 1 / np.where(inverse > 0, inverse, 1.0), np.inf)
+
+
+def _parts(speed: np.ndarray) -> list[np.ndarray]:
+    return np.array_split(speed, -(-len(speed) // AT_ONCE) or 1)
+
+
+def _wide(table: np.ndarray, edges: int) -> np.ndarray:
+    """As many columns, 0 behind the last."""
+    return np.pad(table, ((0, 0), (0, max(edges - table.shape[1], 0))))[:, :edges]
+
+
+def _nearest(ascending: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Where the nearest of ascending values is."""
+    left, right, share = _place(ascending, values)
+    return np.where(share > 0.5, right, left)
+
 
 def spread_of(
-    method: Method, cut: Regeneration, nominal: np.ndarray, noise: np.ndarray | None, sampling: Sampling
+    method: Method,
+    cut: Regeneration,
+    everywhere: np.ndarray,
+    nominal: np.ndarray,
+    noise: np.ndarray | None,
+    sampling: Sampling,
+    deepest: float = np.inf,
 ) -> Spread | None:
     """The draws of the map, None where nothing is uncertain.
 
-    nominal : edges with the mean of everything, (speed, edge) m   noise : of 1/b of the first, (speed,) 1/m; both at the speeds
-    of `sampling`
+    method : one that looks past the `deepest` of the map, m   everywhere : speeds of the map and beside them, ascending, those
+    of `sampling` among them, (place,) rad/s   nominal : edges there with the mean of everything, (place, edge) m
+    noise : of 1/b of the first, (place,) 1/m
     """
     if sampling.members < 2:
         return None
     if method.draw is not None:
-        return Spread(sampling.speeds, method.draw(sampling))
+        return Spread(sampling.speeds, method.draw(sampling), everywhere, nominal, deepest)
     if sampling.draws is None and noise is None:
         return None
+    here = np.searchsorted(everywhere, sampling.speeds)
     if sampling.draws is None:
-        edges = np.broadcast_to(nominal, (sampling.members, *nominal.shape))
+        edges = np.broadcast_to(nominal[here], (sampling.members, len(here), nominal.shape[1]))
     else:
         edges = _by_nodes(method, cut, sampling)
     if noise is not None:
         first = 1 / edges[:, :, :1]
-        moved = first + (sampling.rng.standard_normal((len(edges), 1)) * noise)[:, :, np.newaxis]
+        moved = first + (sampling.rng.standard_normal((len(edges), 1)) * noise[here])[:, :, np.newaxis]
         scale = np.where(moved > 0, first / np.where(moved > 0, moved, 1.0), np.inf)
         edges = np.where(first > 0, edges * np.where(first > 0, scale, 1.0), np.inf)
-    return Spread(sampling.speeds, edges)
+    return Spread(sampling.speeds, edges, everywhere, nominal, deepest)
 
 
 def _by_nodes(method: Method, cut: Regeneration, sampling: Sampling) -> np.ndarray:
@@ -115,7 +207,7 @@ def _by_nodes(method: Method, cut: Regeneration, sampling: Sampling) -> np.ndarr
         member = np.arange(len(draws))
         inverse = _mixed(both[left, member], both[right, member], share)
     inverse = inverse * strength[:, np.newaxis, np.newaxis]
-    return np.where(inverse > 0, 1 / np.where(inverse > 0, inverse, 1.0), np.inf)
+    return _depth(inverse)
 
 
 def _nodes(values: np.ndarray, many: int) -> np.ndarray:
@@ -154,11 +246,28 @@ def joined(tables: list[np.ndarray]) -> np.ndarray:
     return edges
 
 
-def band_speeds(speeds: np.ndarray, own: np.ndarray, many: int | None) -> np.ndarray:
-    """The speeds of the band: all of the map, or as many of them as a method can afford, and always the `own` ones.
+def band_speeds(speeds: np.ndarray, depth: np.ndarray, own: np.ndarray, many: int | None) -> np.ndarray:
+    """The speeds of the band: all of the map, or about as many of them as a method can afford, and always the `own` ones.
 
-    speeds : of the map, ascending   own : where the band must be exact   returns ascending, rad/s
+    They are spread over the speeds, over the slopes of the limit and about its corners, in equal parts, with both sides of its
+    jumps.
+
+    speeds : of the map, ascending   depth : its first limit, (speed,) m   own : where the band must be exact
+    returns ascending, rad/s
     """
     if many is None or len(speeds) <= many:
         return np.unique(np.concatenate([speeds, own]))
-    return np.unique(np.concatenate([speeds[np.linspace(0, len(speeds) - 1, many).round().astype(int)], own]))
+    known = np.isfinite(depth)
+    level = np.log(np.where(known, depth, depth[known].max(initial=1e-9)))
+    step = np.where(np.diff(known.astype(int)) != 0, np.inf, np.diff(level))
+    jump = np.argsort(-np.abs(step), kind="stable")[: many // 4]
+    jump = jump[np.abs(step[jump]) > JUMP]
+    slope = np.clip(step, -JUMP, JUMP)
+    slope[jump] = 0.0
+    turn = np.abs(np.diff(slope, prepend=slope[0]))
+    about = 1 + 2 * (2 * len(speeds) // many)  # a corner of the limit is many corners of the draws, beside one another
+    turn = np.convolve(turn, np.bartlett(about + 2)[1:-1])[about // 2 :][: len(slope)]
+    parts = (np.diff(speeds), np.abs(slope), turn)
+    along = np.concatenate([[0.0], np.cumsum(sum(part / max(part.sum(), 1e-9) for part in parts))])
+    chosen = _nearest(along, np.linspace(0.0, along[-1], many - 2 * len(jump)))
+    return np.unique(np.concatenate([speeds[np.concatenate([chosen, jump, jump + 1])], own]))
