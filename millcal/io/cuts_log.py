@@ -24,6 +24,8 @@ MEASURED = ("M_um", "chatter_hz", "power_W")
 DIRECTIONS = ("up", "down", "slot")
 SAME = 0.01  # of a radial depth
 SLOWEST_RPM = 400.0  # a log without a faster cut was perhaps written in Hz,
+DEEP = 10  # diameters: a deeper row was perhaps written in um,
+MOST_DEEP = 3  # told one by one
 SHALLOWEST_MM = 0.05  # and one without a deeper in m
 _ALSO = {"spindle_speed_rpm": "rpm"}
 _VERDICTS = {
@@ -66,11 +68,12 @@ def read_cuts_log(path: Path) -> tuple[LoggedCut, ...]:
 
 
 def cuts_on_map(
-    cuts: Sequence[LoggedCut], path: Path, *, radial_depth: float, direction: str
+    cuts: Sequence[LoggedCut], path: Path, *, radial_depth: float, direction: str, diameter: float | None = None
 ) -> tuple[CutTests, tuple[Notice, ...]]:
     """The cuts that belong on a map of this engagement, and what was left out.
 
     path : of the log, for what is said   radial_depth : m; a cut that does not say its own belongs to the map
+    diameter : m, of the cutter: a row that is many times as deep is told; None: not known
     """
     belong, others, unjudged = [], [], 0
     for cut in cuts:
@@ -90,6 +93,12 @@ def cuts_on_map(
     if unjudged:
         notices.append(Notice("tests-not-judged", f"{_rows(unjudged)} with a blank `stable`: left out", str(path)))
     notices += _other_units(cuts, path)
+    if diameter is not None:
+        deep = [cut for cut in belong if cut.axial_depth > DEEP * diameter]
+        for cut in deep[:MOST_DEEP]:
+            depth = f"axial_depth_mm: {to_shop(cut.axial_depth, '_mm'):g}"
+            what = f"{depth} is more than {DEEP} diameters; if it is in um, divide by 1000"
+            notices.append(Notice("tests-unit", what, f"{path}: line {cut.line}"))
     found = CutTests(
         spindle_speed=np.array([cut.spindle_speed for cut in belong]),
         axial_depth=np.array([cut.axial_depth for cut in belong]),

@@ -9,8 +9,10 @@ import numpy as np
 from millcal.data import StabilityMap
 from millcal.io.stability_summary import compared, summarise_stability
 from millcal.io.text_table import cell, interval, table
+from millcal.physics.cutter import CuttingConditions, engagement
 
 ROUND_SPEEDS = 14  # shown at most
+SHORT = 0.5  # teeth in the cut on average: fewer, and one that is thrown out is missed
 MOST_MISSED = 5  # test cuts told one by one
 MOST_PERIODS = 3  # of more than one tooth
 
@@ -88,10 +90,17 @@ def _brief(found: StabilityMap, s: Mapping[str, Any]) -> list[str]:
         f"{s['radial_depth_mm']:.4g} mm: "
         + ("at these speeds no limit was found" if lowest is None else f"{everywhere} {cell(lowest)} mm")
     ]
-    if s["deepest_mm"] is not None:
+    if s["deepest_mm"] is not None and lowest is not None and lowest > s["deepest_mm"]:  # zoa knows it for every speed
+        lines[0] += f"; the map goes down to {cell(s['deepest_mm'])} mm, where there is no limit yet"
+    elif s["deepest_mm"] is not None:
         lines[0] += f", looked for down to {cell(s['deepest_mm'])} mm"
     if s["best"]:
         lines += _best_speeds(s["best"])
+        if _leaves(found):
+            lines.append(
+                "limits are those of small vibrations: where a knock throws a tooth out of so short a cut, it may chatter before "
+                "them (--method time-domain, --simulate-points)"
+            )
     elif lowest is None:
         lines.append("no speed is better than another without a limit; look deeper (--deepest-mm) for the best speeds")
     else:
@@ -103,6 +112,13 @@ def _brief(found: StabilityMap, s: Mapping[str, Any]) -> list[str]:
     if "simulated" in s:
         lines += _simulated(s["simulated"])
     return lines
+
+
+def _leaves(found: StabilityMap) -> bool:
+    """Whether less than half a tooth is in the cut on average, and the method keeps it there."""
+    cut = CuttingConditions(float(found.spindle_speed[0]), 0.0, 1.0, found.radial_depth, found.direction)
+    entry, leave = engagement(cut, found.diameter)
+    return found.method != "time-domain" and found.teeth * (leave - entry) / (2 * np.pi) < SHORT
 
 
 def _islands(crossings: Sequence[Mapping[str, Any]]) -> str | None:
@@ -143,6 +159,7 @@ def _best_speeds(best: Sequence[Mapping[str, Any]]) -> list[str]:
         head = f"best speeds, the most material first (safe: stable with 97.5 %; {what} at the safe depth):"
     else:
         head = "best speeds, the most material first, at the limit:"
+    head = head[:-1] + "; depths are the least within 0.5 % of the speed:"
     if spread:
         head = head[:-1] + "; +- rpm: so far off nine tenths of that depth still hold:"
     return [head, table((*header, *(["N m", "W"] if powered else [])), rows)]
@@ -157,14 +174,20 @@ def _operating(p: Mapping[str, Any], ends: Sequence[float]) -> list[str]:
     lines = [f"operating point {p['rpm']:.0f} rpm, {p['ap_mm']:.4g} mm: {bound}{chance}"]
     by = "" if p["kind"] is None else f" by {p['kind']}"
     at = "" if p["chatter_hz"] is None else f" about {p['chatter_hz']:.0f} Hz"
-    lines.append(f"  stable; the limit is lost{by}{at}" if p["stable"] and (by or at) else
-                 "  stable" if p["stable"] else f"  chatters{by}{at}")  # fmt: skip
+    above = p["bound_ap_mm"]
+    if not p["stable"]:
+        lines.append(f"  chatters{by}{at}")
+    elif above is not None and p["limit_ap_mm"] is not None and p["ap_mm"] > p["limit_ap_mm"]:
+        lines.append(f"  stable on an island, which ends at {cell(above)} mm{by}{at}")
+    else:
+        lines.append(f"  stable; the limit is lost{by}{at}" if by or at else "  stable")
     if p["speed_margin_rpm"] is not None and p["stable"]:
-        down, up = (
-            "any" if side is None else f"{side:.0f}" + (" or more" if side > abs(end - p["rpm"]) - 0.5 else "")
-            for side, end in zip(p["speed_margin_rpm"], ends, strict=True)
-        )
-        lines.append(f"  before this depth chatters the speed may fall by {down} rpm and rise by {up} rpm")
+        sides = [
+            f"{way} by {side:.0f}" + (" or more" if side > abs(end - p["rpm"]) - 0.5 else "") + " rpm"
+            for way, side, end in zip(("fall", "rise"), p["speed_margin_rpm"], ends, strict=True)
+            if side is not None and abs(end - p["rpm"]) >= 0.5  # at the end of the map nothing is known of that way
+        ]
+        lines += [f"  before this depth chatters the speed may {' and '.join(sides)}"] if sides else []
     return lines + [f"  - {what}" for what in p["advice"]]
 
 

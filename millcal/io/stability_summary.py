@@ -28,6 +28,7 @@ def summarise_stability(found: StabilityMap) -> dict[str, Any]:
         "direction": found.direction,
         "feed_per_tooth_mm": shop(found.feed_per_tooth, "feed_per_tooth_mm"),
         "deepest_mm": shop(found.deepest, "deepest_mm"),
+        "draws": found.draws,
         "minimum": {
             "ap_mm": shop(found.absolute_minimum, "ap_mm"),
             "chatter_hz": known(found.absolute_minimum_frequency),
@@ -166,6 +167,7 @@ def _operating(point: OperatingPoint) -> dict[str, Any]:
         if point.limit_interval is None
         else [shop(bound, "ap_mm") for bound in point.limit_interval],
         "kind": point.kind or None,
+        "bound_ap_mm": shop(point.bound, "ap_mm"),
         "chatter_hz": known(point.chatter_frequency),
         "speed_margin_rpm": None
         if point.speed_margin is None

@@ -120,3 +120,16 @@ def test_a_log_of_which_nothing_belongs_on_the_map_is_refused(write):
     path = write(LOG.replace(",1,0.6", ",,0.6").replace(",0,41", ",,41"))
     with pytest.raises(RecordingError, match="no cut in it is judged"):
         cuts_on_map(read_cuts_log(path), path, **MAP)
+
+
+def test_a_row_deeper_than_any_cutter_is_told_with_its_line(tmp_path):
+    path = tmp_path / "cuts.csv"
+    path.write_text("rpm,axial_depth_mm,stable\n9000,1.5,1\n10800,1500,0\n")
+    told = [
+        (notice.where, notice.message)
+        for notice in cuts_on_map(read_cuts_log(path), path, **MAP, diameter=16e-3)[1]
+        if notice.code == "tests-unit"
+    ]
+    assert told == [
+        (f"{path}: line 3", "axial_depth_mm: 1500 is more than 10 diameters; if it is in um, divide by 1000")
+    ]

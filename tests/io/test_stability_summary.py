@@ -94,7 +94,7 @@ def test_a_cut_without_a_limit_says_so_in_words(make_record):
     point = OperatingPoint(700.0, 1e-3, np.inf, True, "", np.nan, (np.inf, np.inf), 1.0, (np.inf, 30.0))
     said = text_of(replace(make_record("stability_map"), operating=point))
     assert "1 mm: no limit found, stable with probability 1" in said
-    assert "may fall by any rpm and rise by 286 rpm" in said
+    assert "before this depth chatters the speed may rise by 286 rpm" in said
 
 
 def test_a_margin_that_reaches_the_end_of_the_map_may_be_wider(make_record):
@@ -117,6 +117,11 @@ def test_where_no_limit_was_found_the_text_names_no_depth():
     said = text_of(none)
     assert said.splitlines()[0].endswith("at these speeds no limit was found, looked for down to 1.000 mm")
     assert "look deeper (--deepest-mm)" in said
+
+
+def test_a_map_that_ends_above_every_limit_does_not_promise_what_it_did_not_look_for():
+    first = text_of(zoa_map(deepest=1e-3, absolute_minimum=3.375e-3)).splitlines()[0]
+    assert first.endswith("below 3.375 mm; the map goes down to 1.000 mm, where there is no limit yet")
 
 
 def test_the_operating_point_says_what_to_do(make_record):

@@ -22,7 +22,7 @@ from millcal.stages.stability.method import Asked, Method, Sampling, Solve
 from millcal.stages.stability.methods import DEEPER, METHODS, OVER_MINIMUM
 from millcal.stages.stability.operating import SAFE, Columns, judged
 from millcal.stages.stability.pockets import HELD, around, best_speeds, held, pockets, refined, safest
-from millcal.stages.stability.possible import DEEP, doubtful, doubtful_limit, refuse_impossible
+from millcal.stages.stability.possible import NO_CUTTER, doubtful, doubtful_limit, refuse_impossible
 from millcal.stages.stability.spread import PAST, Spread, band_speeds, spread_of
 from millcal.units import to_shop
 
@@ -139,7 +139,7 @@ def map_stability(
     marked = [] if operating_point is None else [operating_point[0]]
     depths = [0.0, *([] if operating_point is None else [operating_point[1]])]
     if tests is not None:  # as far as they lie on the map: one odd row is not to rule how deep it looks
-        on_map = on_speeds(tests, low, high) & (tests.axial_depth <= DEEP * diameter)
+        on_map = on_speeds(tests, low, high) & (tests.axial_depth <= NO_CUTTER * diameter)
         depths += tests.axial_depth[on_map].tolist()
     asked = Asked(
         cut=cut,

@@ -2,7 +2,7 @@
 
 Advice is what the map shows with numbers and nothing else: another speed, another depth, the pocket worth moving to, and where
 the cut doubles its period a cutter that does not. It is ranked by the metal it removes. A depth counts as safe at the lower end of
-the band, or without one at nine tenths of the limit.
+the band, or without one at nine tenths of the limit, as far as it holds half a percent either way of the speed (`pockets.held`).
 """
 
 from collections.abc import Callable
@@ -13,12 +13,14 @@ import numpy as np
 from millcal.data import BestSpeed, OperatingPoint
 from millcal.physics.stability.regeneration import KINDS, Crossings
 from millcal.physics.stability.stable_depths import edge_table, is_stable
+from millcal.stages.stability.pockets import HELD
 from millcal.stages.stability.spread import Spread
 from millcal.units import to_shop
 
 SAFE = 0.9  # of the limit, where there is no band
 WORTH = 1.1  # times as much metal as now: less is not worth a change
 MANY_TIMES = 100  # as much: what is more is a cut of nothing, and no digit of it matters
+ROUNDED = 1e-9  # share of a speed: a point at the end of the map lies on it
 STEPS = 17  # speeds in the search for the end of a stable stretch
 
 
@@ -28,7 +30,8 @@ class Columns:
 
     speed: np.ndarray  # (speed,) rad/s, ascending
     edges: np.ndarray  # of the stable set, (speed, edge) m
-    runnable: np.ndarray  # depth that is safe below the first limit, (speed,) m
+    runnable: np.ndarray  # depth that is safe below the first limit, as far as it holds, (speed,) m
+    here: float  # the same at the speed of the point, m; inf where the map says nothing of it
     deepest: float  # m: nothing deeper is advised
     solve: (
         Callable[[np.ndarray], np.ndarray] | None
@@ -43,11 +46,13 @@ def judged(
     best: tuple[BestSpeed, ...],
     spread: Spread | None,
     others: Callable[[], list[tuple[str, float]]] | None = None,
+    caution: str = "",
 ) -> OperatingPoint:
     """The record of an operating point.
 
     point : rad/s, m   crossings : edges of the stable set at its speed   limit : the first of them, m, inf where none
-    others : cutters that may do better, each with its limit at that speed, asked for where the period doubles
+    others : cutters that may do better, each with its least limit about that speed, asked for where the period doubles
+    caution : what the limits leave out, told last
     """
     speed, depth = point
     table = edge_table(crossings, 1)
@@ -72,15 +77,23 @@ def judged(
         advice=tuple(
             [
                 *_island(point, crossings, stable),
-                *_advice(point, stable, kind, low, columns, best, spread, others),
+                *_advice(point, stable, kind, min(low, columns.here), columns, best, spread, others),
+                *([caution] if caution else []),
             ]
         ),
+        bound=np.nan if i is None else float(crossings.depth[i]),
     )
 
 
-def _margin(point: tuple[float, float], columns: Columns) -> tuple[float, float]:
-    """By how much the speed may fall and rise before the depth chatters, or the map ends.   rad/s"""
+def _margin(point: tuple[float, float], columns: Columns) -> tuple[float, float] | None:
+    """By how much the speed may fall and rise before the depth chatters, or the map ends.   rad/s
+
+    None beside the map: between its end and the point nothing is known.
+    """
     speed, depth = point
+    low, high = columns.speed[[0, -1]]
+    if not low * (1 - ROUNDED) <= speed <= high * (1 + ROUNDED):
+        return None
     stable = is_stable(columns.edges, np.full(len(columns.speed), depth))
     below, above = columns.speed[::-1] < speed, columns.speed > speed
     ends = []
@@ -125,7 +138,7 @@ def _advice(
     others: Callable[[], list[tuple[str, float]]] | None,
 ) -> list[str]:
     speed, depth = point
-    safe, unlimited = min(safe, columns.deepest), np.isinf(safe)
+    safe, unlimited = min(safe, columns.deepest), safe >= columns.deepest
     found: list[tuple[float, str]] = []  # removal against now, what to do
     if not stable or depth > safe:
         for turn in (1, -1):
@@ -139,7 +152,7 @@ def _advice(
         if kind == "flip" and others is not None:
             for what, reached in others():
                 if SAFE * reached > depth:
-                    found.append((0.0, f"{what}: limit {_limit(reached)} mm at this speed"))
+                    found.append((0.0, f"{what}: {_limit(reached, columns.deepest, spread)}"))
     elif safe > WORTH * depth:
         found.append((safe / depth, f"there is room: at this speed {_depth(safe, unlimited, spread)}"))
     pocket = best[0] if best else None
@@ -168,17 +181,20 @@ def _nearest_safe(point: tuple[float, float], columns: Columns, turn: int) -> tu
     top = columns.runnable[stretch]
     widest = np.flatnonzero(top >= top.max() * (1 - 1e-9))
     i = stretch[widest[len(widest) // 2]]
-    return float(columns.speed[i]), float(columns.runnable[i]), bool(np.isinf(columns.edges[i, 0]))
+    return float(columns.speed[i]), float(columns.runnable[i]), bool(columns.runnable[i] >= columns.deepest)
+
+
+_NEAR = f"within {100 * HELD:g} % of the speed"
 
 
 def _surely(spread: Spread | None) -> str:
-    return "stable with 97.5 %" if spread is not None else f"{SAFE:.0%} of the limit"
+    return f"{'stable with 97.5 %' if spread is not None else f'{SAFE:.0%} of the limit'} {_NEAR}"
 
 
 def _depth(depth: float, unlimited: bool, spread: Spread | None) -> str:
     """What may be cut, and how far that is to be relied on."""
     if unlimited and spread is None:
-        return f"no limit was found down to {_mm(depth)} mm"
+        return f"no limit was found down to {_mm(depth)} mm {_NEAR}"
     return f"{_mm(depth)} mm are {_surely(spread)}"
 
 
@@ -194,5 +210,7 @@ def _mm(depth: float) -> str:
     return f"{to_shop(depth, 'x_mm'):.3g}"
 
 
-def _limit(depth: float) -> str:
-    return "none that was looked for" if np.isinf(depth) else _mm(depth)
+def _limit(depth: float, deepest: float, spread: Spread | None) -> str:
+    """The limit of another cutter, of which nothing is drawn but the mean."""
+    found = f"no limit was found down to {_mm(deepest)} mm" if np.isinf(depth) else f"limit {_mm(depth)} mm, the least"
+    return f"{found} {_NEAR}{'; no band is known of it' if spread is not None else ''}"

@@ -1,8 +1,10 @@
 """The best speeds of a map: where depth times speed has its tops, and what the spindle gives for them.
 
-Only depths below the first limit count: a stable island above one is reached through chatter. Where a method looked as far
-as it looks and found no limit, the pocket is that deep at least, and its middle is the speed that is farthest from both walls.
-Where a band is known the best speed of a pocket is that of the deepest safe cut, which is not that of the highest limit.
+Only depths below the first limit count: a stable island above one is reached through chatter. A depth counts as far as it
+holds half a percent either way of the speed, for no spindle turns as fast as it is told to the last revolution: a limit that
+stands on the edge of a cliff is worth what lies at its foot. Where a method looked as far as it looks and found no limit, the
+pocket is that deep at least, and its middle is the speed that is farthest from both walls. Where a band is known the best
+speed of a pocket is that of the deepest safe cut, which is not that of the highest limit.
 """
 
 from collections.abc import Callable
@@ -12,8 +14,32 @@ import numpy as np
 from millcal.data import BestSpeed
 from millcal.stages.stability.spread import Spread
 
-POCKETS = 5  # best speeds told
+POCKETS = 5  # best speeds told,
+LOOKED_AT = 7  # and looked at: the band may change their order
+HELD = 0.005  # share of a speed by which a spindle under load may be off it, slip and override dial together
+PLACES = 101  # between two speeds, where the held depth is read off the limits that are known
+NOTHING = 1e-12  # m: a depth of none
 OFF = 0.9  # of the depth of a best speed: what a speed that is a little off should still hold
+
+
+def around(speeds: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Speeds and as far as each has to hold, within the map.   speeds : (n,) rad/s   returns (3 n,): slower, as told, faster"""
+    return np.clip(np.concatenate([speeds * (1 - HELD), speeds, speeds * (1 + HELD)]), low, high)
+
+
+def held(speeds: np.ndarray, depth: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """The least depth within `HELD` of a speed, between known ones by 1/b; beyond the ends of the map nothing is known.
+
+    speeds : ascending, (speed,) rad/s   depth : (speed,) m   at : (place,) rad/s   returns (place,) m
+    """
+    inverse = 1 / np.maximum(depth, NOTHING)
+    low, high = np.clip(at * (1 - HELD), *speeds[[0, -1]]), np.clip(at * (1 + HELD), *speeds[[0, -1]])
+    worst = np.maximum(np.interp(low, speeds, inverse), np.interp(high, speeds, inverse))
+    first, last = np.searchsorted(speeds, low), np.searchsorted(speeds, high, side="right")
+    padded = np.append(inverse, 0.0)  # that a window may end with the last speed
+    pairs = np.maximum.reduceat(padded, np.column_stack([first, last]).ravel())[::2]
+    worst = np.where(last > first, np.maximum(worst, pairs), worst)
+    return np.where(worst > 0, 1 / np.where(worst > 0, worst, 1.0), np.inf)
 
 
 def pockets(
@@ -23,25 +49,61 @@ def pockets(
     deepest: float,
     refine: tuple[int, int],
 ) -> np.ndarray:
-    """Speeds at which speed times limit has its highest local maxima, each found finer than the grid.
+    """Speeds at which speed times the limit that holds has its highest local maxima, each found finer than the grid.
 
     depth_at : speeds (n,) -> first limit (n,), for `refine`: rounds, and speeds in each   depth : at the speeds, (speed,)
     deepest : where no limit is found it is at least that   returns (pocket,) rad/s
     """
     if not np.isfinite(depth).any():  # nothing tells one speed from another
         return np.empty(0)
-    open_ended = np.isinf(depth) & np.isfinite(deepest)
+    if np.isinf(deepest):  # where as deep as one likes was looked, no limit is one that is not known
+        depth = np.where(np.isfinite(depth), depth, 0.0)
+    kept = np.minimum(held(speeds, depth, speeds), deepest)
+    open_ended = kept >= deepest
     middle = _middles(speeds, open_ended)
-    rate = np.where(np.isfinite(depth), depth * speeds, np.where(open_ended, deepest * middle, -np.inf))
+    rate = np.where(depth > 0, kept * middle, -np.inf)
     padded = np.concatenate([[-np.inf], rate, [-np.inf]])
-    top = np.flatnonzero((rate >= padded[:-2]) & (rate > padded[2:]) & np.isfinite(rate))
-    top = top[np.argsort(-rate[top], kind="stable")][: 2 * POCKETS]  # the band may change the order
+    beside = np.concatenate([[False], open_ended, [False]])
+    rim = (beside[:-2] | beside[2:]) & ~open_ended  # of a pocket without a bottom: no pocket of its own
+    top = np.flatnonzero((rate >= padded[:-2]) & (rate > padded[2:]) & np.isfinite(rate) & ~rim)
+    top = top[np.argsort(-rate[top], kind="stable")][:LOOKED_AT]
     best = middle[top]
     low, high = speeds[np.maximum(top - 1, 0)], speeds[np.minimum(top + 1, len(speeds) - 1)]
     walled = ~open_ended[top]
     if not walled.any():
         return best
-    best[walled] = refined(lambda some: depth_at(some) * some, best[walled], low[walled], high[walled], refine)
+    best[walled] = _held_best(
+        depth_at, best[walled], low[walled], high[walled], refine, speeds, np.minimum(depth, deepest)
+    )
+    return best
+
+
+def _held_best(
+    depth_at: Callable[[np.ndarray], np.ndarray],
+    best: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    refine: tuple[int, int],
+    speeds: np.ndarray,
+    depth: np.ndarray,
+) -> np.ndarray:
+    """Where speed times held limit is highest between two speeds. What counts is the limit at the ends of what is to hold, so
+    there it is looked at, closer with every round.   best, low, high : (place,) rad/s   returns (place,) rad/s
+    """
+    rounds, many = refine
+    half = (high - low) / 2
+    for _ in range(rounds):
+        ends = np.stack([best * (1 - HELD), best * (1 + HELD)])[..., np.newaxis]  # (2, place, 1)
+        fine = ends + half[:, np.newaxis] * np.linspace(-1, 1, max(many // 2, 2))
+        fine = np.unique(np.clip(fine, *speeds[[0, -1]]))
+        found = depth_at(fine)
+        merged = np.concatenate([speeds, fine])
+        order = np.argsort(merged, kind="stable")
+        speeds, depth = merged[order], np.concatenate([depth, np.where(np.isnan(found), 0.0, found)])[order]
+        places = np.clip(best + half * np.linspace(-1, 1, PLACES)[:, np.newaxis], low, high)  # (PLACES, place)
+        value = places * held(speeds, depth, places.ravel()).reshape(places.shape)
+        best = places[np.argmax(value, axis=0), np.arange(len(best))]
+        half = half / max(many // 2, 2)
     return best
 
 
@@ -132,7 +194,7 @@ def tolerance(speed: float, depth: float, speeds: np.ndarray, runnable: np.ndarr
 def best_speeds(
     speeds: np.ndarray,
     depth: np.ndarray,
-    band: np.ndarray | None,
+    safe_depth: np.ndarray | None,
     spread: Spread | None,
     *,
     width: float | None,
@@ -141,19 +203,24 @@ def best_speeds(
 ) -> tuple[BestSpeed, ...]:
     """The pockets as the record has them, best first.
 
-    speeds, depth : (pocket,) rad/s, m   band : (2, pocket) m   width : radial depth times feed per radian, m^2, None: no feed
+    speeds, depth : (pocket,) rad/s, m   safe_depth : lower end of the band, (pocket,) m; both as far as they hold
+    width : radial depth times feed per radian, m^2, None: no feed
     torque : N m per m of depth, None where it is not known   column : speeds ascending and what may be run at each, rad/s, m
     """
+
+    def near(speed: float) -> np.ndarray:
+        return around(np.array([speed]), *column[0][[0, -1]])
+
     best = []
     for i, (speed, limit) in enumerate(zip(speeds.tolist(), depth.tolist(), strict=True)):
-        safe = None if band is None else float(min(band[0, i], limit))
+        safe = None if safe_depth is None else float(min(safe_depth[i], limit))
         run = limit if safe is None else safe
         best.append(
             BestSpeed(
                 spindle_speed=speed,
                 axial_depth=limit,
                 removal_rate=np.nan if width is None else limit * width * speed,
-                p_stable=None if spread is None else spread.at(speed, limit),
+                p_stable=None if spread is None else min(spread.at(float(at), limit) for at in near(speed)),
                 safe_depth=safe,
                 torque=None if torque is None else torque * run,
                 power=None if torque is None else torque * run * speed,

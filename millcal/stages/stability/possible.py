@@ -9,6 +9,7 @@ from millcal.data import Notice
 from millcal.errors import IllPosedError
 from millcal.units import to_shop
 
+NO_CUTTER = 10  # times the diameter: no edge is so long, and the number is in another unit
 MOST_POINTS = 100_000  # speeds of a map: no screen shows more, and every one of them is solved
 WHOLE = 1e-9  # share by which a radial depth may exceed the diameter in the last digit
 CUTTING = (50.0, 20_000.0)  # Ktc, N/mm2: plastics to hardened steel at thin chips
@@ -56,6 +57,11 @@ def refuse_impossible(
     for key, value in zip(("spindle_speed_rpm", "axial_depth_mm"), operating_point or (), strict=False):
         if not (value > 0 and isfinite(value)):
             raise IllPosedError(f"stability.{key}: {to_shop(value, key):g} is no operating point; give one above 0")
+    if operating_point is not None and operating_point[1] > NO_CUTTER * diameter:
+        raise IllPosedError(
+            f"stability.axial_depth_mm: {to_shop(operating_point[1], '_mm'):g} mm is more than {NO_CUTTER} diameters of the "
+            "operating point's cutter (--operating); give the depth in mm"
+        )
 
 
 def doubtful(
