@@ -43,6 +43,14 @@ def above_zero(options: dict[str, float | None]) -> None:
             raise typer.BadParameter(f"{value:g} is not above 0", param_hint=option)
 
 
+def friction_ignored() -> Any:
+    """What is said of a flank that rubs nowhere."""
+    from millcal.data import Notice
+
+    what = "counts with process damping alone, and there is none: it is left out; give --process-damping, too"
+    return Notice("friction-ignored", what, "--friction")
+
+
 def width_of_cut(radial_depth: float, direction: str, diameter: float) -> None:
     """Refuse a width that this cutter does not cut.   radial_depth, diameter : m"""
     from millcal.units import to_shop

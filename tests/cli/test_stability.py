@@ -395,6 +395,21 @@ def test_an_frf_and_its_modes_may_stand_side_by_side_alone(run):
     assert "a.h5" in err
 
 
+def test_friction_without_process_damping_is_left_out_and_said(run):
+    asked = [*COEFFICIENTS, "--setup", "setup.toml", "--rpm", "4000", "8000", "--points", "3", "-o", "map.h5"]
+    code, _, err = run(*asked, "--method", "floquet", "--friction", "0.4", "--members", "0")
+    assert code == 0
+    assert "friction-ignored" in err
+    assert "friction-ignored" not in run(*asked, "--method", "floquet", "--members", "0")[2]
+
+
+def test_a_number_in_another_unit_is_told(run):
+    asked = ["--setup", "setup.toml", "--rpm", "4000", "8000", "--points", "3", "--members", "0", "-o", "map.h5"]
+    code, _, err = run("--ktc", "6e8", "--krc", "42e6", *asked)
+    assert code == 0
+    assert "coefficients.Ktc: 6e+08 N/mm2 is outside 50 to 20000" in err
+
+
 def test_table_and_figure_are_written_beside_the_map(run, tmp_path):
     code, out, _ = run(*FLOQUET, "--csv", "lobes.csv", "--figure", "map.svg", "-o", "map.h5")
     assert code == 0
