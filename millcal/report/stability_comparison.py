@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from millcal.data import StabilityMap
-from millcal.report.charts import Frame, Item, Line, Marks, Panel, chart
+from millcal.report.charts import Band, Frame, Item, Line, Marks, Panel, chart
 from millcal.report.figures import POINTS, Column, Figure
 from millcal.report.stability_figure import FINE, columns_of, depth_drawn, rpm_of
-from millcal.report.stability_regions import Edge, areas, edges, simplified, stable_stretches
+from millcal.report.stability_regions import KINDS, Edge, areas, edges, simplified, stable_stretches
 from millcal.report.stability_wording import METHODS
 from millcal.units import to_shop
 
@@ -22,9 +22,16 @@ def in_order(maps: Sequence[StabilityMap]) -> list[StabilityMap]:
     return sorted(maps, key=lambda m: ORDER.index(m.method) if m.method in ORDER else len(ORDER))
 
 
+def shaded(maps: Sequence[StabilityMap]) -> StabilityMap | None:
+    """The map whose stable area is shaded: the most exact that has lines.   maps : as `in_order` has them"""
+    return next((map_ for map_ in maps if map_.method != POINTWISE), None)
+
+
 def depth_compared(maps: Sequence[StabilityMap]) -> float:
-    """Highest depth of the picture, m: what one map alone would show, not the highest of all."""
-    return float(np.median([depth_drawn(replace(m, simulated=None, tests=None)) for m in maps]))
+    """Highest depth of the picture, m: what the shaded map alone would show, not the highest of all.   maps : as above"""
+    of_lines = shaded(maps)
+    chosen = maps if of_lines is None else [of_lines]
+    return float(np.median([depth_drawn(replace(m, simulated=None, tests=None)) for m in chosen]))
 
 
 def bounds(map_: StabilityMap) -> list[Edge]:
@@ -34,7 +41,10 @@ def bounds(map_: StabilityMap) -> list[Edge]:
 
 
 def comparison(maps: Sequence[StabilityMap]) -> Figure:
-    """The bounds of every map, all kinds of one method alike.   maps : of the same cut, each by a method of its own"""
+    """The bounds of every map over what the most exact holds for stable; its kinds alone are told apart.
+
+    maps : of the same cut, each by a method of its own
+    """
     rows = in_order(maps)
     top, frame = depth_compared(rows) * 1e3, Frame()
     ends = (
@@ -45,18 +55,28 @@ def comparison(maps: Sequence[StabilityMap]) -> Figure:
     fine = (FINE * top / height, FINE * (ends[1] - ends[0]) / (frame.width - frame.left - frame.right))
     items: list[Item] = []
     key = []
+    below = shaded(rows)
     for map_ in rows:
         name = METHODS.get(map_.method, map_.method)
         if map_.method == POINTWISE:
             items.append(Marks(rpm_of(map_.spindle_speed), map_.limit_depth * 1e3, "by-time-domain", "ring", size=3.2))
             key.append(("marks ring by-time-domain", name))
             continue
-        kind = f"by-{map_.method}"
+        kind, flipped = f"by-{map_.method}", False
+        out_of_sight = min(3 * top, map_.deepest * 1e3)
+        for area in areas(rpm_of(map_.spindle_speed), stable_stretches(map_)) if map_ is below else ():
+            low, high = (np.minimum(depth * 1e3, out_of_sight) for depth in (area.low, area.high))
+            kept = np.union1d(simplified(area.x, low, *fine), simplified(area.x, high, *fine))
+            items.insert(0, Band(area.x[kept], low[kept], high[kept], "stable"))
         for edge in bounds(map_):
-            y = np.minimum(edge.y, min(3 * top, map_.deepest * 1e3))
+            y = np.minimum(edge.y, out_of_sight)
             kept = simplified(edge.x, y, *fine)
-            items.append(Line(edge.x[kept], y[kept], kind))
+            flip = map_ is below and edge.kind == KINDS.index("flip")
+            items.append(Line(edge.x[kept], y[kept], "by-flip" if flip else kind))
+            flipped |= flip
         key.append((f"line {kind}", name))
+        key += [("line by-flip", f"{name}: flip limit")] if flipped else []
+        key += [("span stable", f"{name}: stable")] if map_ is below else []
     svg = chart(
         [Panel("limit of the axial depth, mm", items, height, (0.0, top), most_ticks=6)],
         x_label="spindle speed, rpm",
@@ -71,8 +91,7 @@ def comparison(maps: Sequence[StabilityMap]) -> Figure:
     for heading in ("spindle speed", "limit depth", "kind", "chatter frequency"):
         parts = [next(c for c in table if c.name == heading) for table, _ in per_map]
         columns.append(Column(heading, parts[0].unit, np.concatenate([part.values for part in parts])))
-    caption = (
-        "Where the lines lie on each other the methods agree. The zero-order limit averages the cut over a tooth: at low "
-        "radial depth it knows nothing of period doubling."
-    )
+    caption = "Where the lines lie on each other the methods agree."
+    if any(map_.method == "zoa" for map_ in rows):
+        caption += " The zero-order limit takes the mean of the cut over a tooth: it knows nothing of period doubling."
     return Figure("stability-methods", "The methods against each other", caption, (svg,), columns, key)

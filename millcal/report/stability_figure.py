@@ -14,6 +14,7 @@ from millcal.data import OperatingPoint, StabilityMap
 from millcal.report.charts import Band, Frame, Item, Line, Marks, Note, Panel, Rule, Whiskers, chart, span_of, thin
 from millcal.report.digits import significant
 from millcal.report.figures import POINTS, Column, Figure
+from millcal.report.stability_against import otherwise, otherwise_in_words
 from millcal.report.stability_regions import (
     KINDS,
     Area,
@@ -26,7 +27,7 @@ from millcal.report.stability_regions import (
     stretches_above,
     stretches_with_best,
 )
-from millcal.report.stability_wording import every_speed
+from millcal.report.stability_wording import every_speed, unsafe
 from millcal.report.wording import percent
 from millcal.units import to_shop
 
@@ -96,15 +97,24 @@ def lobes(map_: StabilityMap) -> Figure:
     svg = chart(panels, x_label="spindle speed, rpm", x_range=ends, label=label, frame=frame, hover=True)
     if any(item.kind == "passing" for item in chatter if isinstance(item, Line)):
         key.append(("line passing", "multiples of the tooth passing"))
-    caption = "Between two lobes the cut takes most; a speed a little off the pocket loses it, so aim at its middle."
+    told = []
+    if unsafe(map_):
+        told.append("The zero-order limit leaves out period doubling: the cut may chatter well below it.")
+    if map_.best:
+        told.append(
+            "Between two lobes the cut takes most, and a speed off such a pocket loses it"
+            + (": how far off it may be stands in the table." if any(b.speed_margin for b in map_.best) else ".")
+        )
     if np.any(map_.crossing_loses == 0):
-        caption += " Beyond a limit there may be stable cutting again: only where it is shaded."
+        told.append("Beyond a limit there may be stable cutting again: only where it is shaded.")
     if np.isfinite(map_.deepest) and map_.deepest * 1e3 <= 1.001 * top:
-        caption += f" Looked at was up to {significant(map_.deepest * 1e3)} mm."
+        told.append(f"Looked at was up to {significant(map_.deepest * 1e3)} mm.")
+    if differ := otherwise_in_words(map_):
+        told.append(differ)
     return Figure(
         "stability-map",
         "Limit depth and speed",
-        caption,
+        " ".join(told),
         (svg,),
         columns_of(map_, POINTS),
         key,
@@ -294,6 +304,10 @@ def _simulated(map_: StabilityMap) -> Drawn:
         numbers = [f"{p:.0f}" for p in period[repeating]]
         items.append(Marks(n[repeating], b[repeating], "period", "word", numbers))
         key.append(("digit", f"simulated: repeats every so many {several}"))
+    differ = np.logical_or(*otherwise(map_))[chosen]
+    if differ.any():
+        items.append(Marks(n[differ], b[differ], "otherwise", "ring", size=6.0))
+        key.append(("marks ring otherwise", "simulated otherwise than mapped"))
     return items, key
 
 

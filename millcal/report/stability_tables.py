@@ -49,11 +49,12 @@ def map_facts(map_: StabilityMap) -> list[tuple[str, str]]:
 def best_speeds(map_: StabilityMap) -> Table | None:
     """The speeds worth running, best first: what to cut there, what that removes and asks of the spindle, and the limit."""
     banded = any(best.safe_depth is not None for best in map_.best)
+    near = any(best.speed_margin is not None for best in map_.best)
     drive = any(best.torque is not None or best.power is not None for best in map_.best)
     rows = []
     for number, best in enumerate(map_.best, 1):
         limit = fixed(best.axial_depth * 1e3, 2)
-        row = [str(number), fixed(_rpm(best.spindle_speed), 0)]
+        row = [str(number), fixed(_rpm(best.spindle_speed), 0), *([_margin(best.speed_margin)] if near else [])]
         asked = (
             [significant(best.torque), significant(None if best.power is None else best.power * 1e-3)] if drive else []
         )
@@ -67,20 +68,31 @@ def best_speeds(map_: StabilityMap) -> Table | None:
                 [*row, rounded_down(best.safe_depth * 1e3, 2), _removal(share * best.removal_rate), *asked, limit]
             )
     asked = ["torque, N m", "power, kW"] if drive else []
+    margin = ["± rpm"] if near else []
     if banded:
-        headings = ("", "speed, rpm", "safe a_p, mm", "removal rate, cm³/min", *asked, "limit a_p, mm")
+        headings = ("", "speed, rpm", *margin, "safe a_p, mm", "removal rate, cm³/min", *asked, "limit a_p, mm")
         note = (
             "Safe: stable with 97.5 %, as far as coefficients and FRF go; the removal rate is that of the safe depth. At "
             "the limit itself the cut is as likely to chatter as not."
         )
     else:
-        headings = ("", "speed, rpm", "limit a_p, mm", "removal rate, cm³/min", *asked)
+        headings = ("", "speed, rpm", *margin, "limit a_p, mm", "removal rate, cm³/min", *asked)
         note = (
             "No band is known, so no safe depth: the removal rate is that at the limit, and a cut has to stay below it."
         )
     if drive:
         note += f" Torque and power are means over a revolution at the {'safe depth' if banded else 'limit'}."
+    if near:
+        note += f" ± rpm: so far off, either way, nine tenths of the {'safe depth' if banded else 'limit'} still hold."
     return Table("Best speeds", headings, rows, note=note) if rows else None
+
+
+def _margin(margin: float | None) -> str:
+    """How far a speed may be off, in whole rpm."""
+    if margin is None or np.isnan(margin):
+        return UNKNOWN
+    rpm = _rpm(margin)
+    return "below 1" if rpm < 1 else fixed(rpm, 0)
 
 
 def round_columns(map_: StabilityMap) -> list[int]:

@@ -19,6 +19,40 @@ _DOUBTS = {
     "bad": "The map rests on coefficients that do not fit",
     "part": "The map rests on coefficients that are provisional",
 }
+UNSAFE = ("flip-lobes", "zoa-unsafe")  # notices after which the zero-order limit promises too much, or may
+BEYOND_CUTTERS = 3.0  # diameters: deeper the edges of hardly any cutter reach
+_UNSAFE_WORDS = "by the zero-order limit, which leaves out period doubling"
+
+
+def unsafe(map_: StabilityMap) -> bool:
+    """Whether the map is of the mean force where that may promise too much."""
+    return map_.method == "zoa" and any(notice.code in UNSAFE for notice in map_.notices)
+
+
+def too_deep(map_: StabilityMap, depth: float) -> bool:
+    """Whether a depth in m is more than a cutter of this diameter has edges."""
+    return isfinite(depth) and depth > BEYOND_CUTTERS * map_.diameter
+
+
+def _reaches(map_: StabilityMap) -> str:
+    return f"hardly a cutter of {nominal(map_.diameter * 1e3)} mm has edges longer than {BEYOND_CUTTERS:.0f} diameters"
+
+
+def theory_verdict(map_: StabilityMap) -> Verdict | None:
+    """What the map's depths are worth where its method or the cutter does not reach so far; None where it does."""
+    told = []
+    if unsafe(map_):
+        told.append(next(_sentence(notice.message) for notice in map_.notices if notice.code in UNSAFE))
+    if any(too_deep(map_, best.axial_depth) for best in map_.best):
+        told.append(f"Some best speeds stand at depths that nobody cuts: {_reaches(map_)}.")
+    if not told:
+        return None
+    head = f"These depths hold {_UNSAFE_WORDS}" if unsafe(map_) else "Some depths are beyond the cutter"
+    return judged("part", head, " ".join(told))
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:].rstrip('.')}."
 
 
 def every_speed(map_: StabilityMap) -> str:
@@ -52,11 +86,18 @@ def operating_verdict(
     margin = margin_in_words(map_)
     told += [f"{margin}."] if margin else []
     head = {"good": "Stable", "part": "Stable or not: too close to tell", "bad": "Chatter"}[level]
+    place = f"{head} at {place}"
+    if unsafe(map_):
+        place += f" {_UNSAFE_WORDS}"
+        level = "part" if level == "good" else level
+    if too_deep(map_, point.axial_depth):
+        told.append(f"{_sentence(_reaches(map_))}")
+        level = "part" if level == "good" else level
     doubt = map_verdict(fit)
     if doubt is not None:
         told.append(f"{doubt.head}.")
         level = "part" if level == "good" else level
-    return judged(level, f"{head} at {place}", " ".join(told))
+    return judged(level, place, " ".join(told))
 
 
 def _limit_in_words(point: OperatingPoint) -> list[str]:

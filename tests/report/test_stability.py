@@ -8,13 +8,15 @@ import pytest
 import stability_maps
 from stability_maps import RPM
 
-from millcal.data import OperatingPoint
+from millcal.data import Notice, OperatingPoint
 from millcal.report.page import render
+from millcal.report.stability_against import otherwise
 from millcal.report.stability_comparison import comparison
 from millcal.report.stability_figure import depth_drawn, leaps, lobes
 from millcal.report.stability_samples import bifurcation, samples_of
+from millcal.report.stability_section import key_numbers
 from millcal.report.stability_tables import best_speeds, limits, map_facts, methods_compared
-from millcal.report.stability_wording import operating_verdict
+from millcal.report.stability_wording import operating_verdict, theory_verdict
 
 
 def polylines(svg, kind):
@@ -148,7 +150,7 @@ def test_methods_have_lines_of_their_own_and_the_slow_one_points():
     for kind in ("by-floquet", "by-frf", "by-zoa"):
         assert polylines(figure.charts[0], kind)
     assert 'class="marks ring by-time-domain"' in figure.charts[0]
-    assert key_of(figure).count("|") == 3
+    assert key_of(figure).count("|") == 5
     assert len(figure.charts[0]) < 100_000
     assert comparison(maps[::-1]).charts == figure.charts
 
@@ -223,3 +225,75 @@ def test_a_cut_in_a_pocket_beyond_the_limit_is_stable_and_warned_about():
 def test_only_the_zero_order_limit_speaks_of_every_speed():
     assert "stable at every speed below 1.10 mm" in key_of(lobes(stability_maps.limit_alone()))
     assert "stable at every speed of the map below 1.10 mm" in key_of(lobes(stability_maps.with_islands()))
+
+
+@pytest.mark.parametrize("code", ["flip-lobes", "zoa-unsafe"])
+def test_nothing_is_green_where_the_zero_order_limit_may_promise_too_much(code):
+    exact = stability_maps.with_islands()
+    zero_order = replace(
+        stability_maps.limit_alone(), operating=replace(exact.operating, p_stable=0.999), best=exact.best
+    )
+    assert operating_verdict(zero_order).level == "good"
+    assert theory_verdict(zero_order) is None
+    warned = replace(zero_order, notices=(Notice(code, "the zero-order limit is up to 6 times too deep"),))
+    verdict = operating_verdict(warned)
+    assert verdict.level == "part"
+    assert verdict.head == ("Stable at 8900 rpm and 2.5 mm by the zero-order limit, which leaves out period doubling")
+    assert theory_verdict(warned).level == "part"
+    assert "up to 6 times too deep." in theory_verdict(warned).text
+    assert [number["level"] for number in key_numbers(warned)] == ["part", "part"]
+    assert 'class="verdict good"' not in render({"stability": warned}, {}, {})
+    assert "leaves out period doubling" in lobes(warned).caption
+    assert "leaves out period doubling" not in lobes(zero_order).caption
+    chatters = replace(warned, operating=replace(warned.operating, stable=False, p_stable=0.01))
+    assert operating_verdict(chatters).level == "bad"
+
+
+def test_depths_beyond_any_cutter_are_told_as_such():
+    map_ = stability_maps.with_islands()
+    assert theory_verdict(map_) is None
+    assert all("level" not in number for number in key_numbers(map_))
+    slim = replace(map_, diameter=2e-3)  # its edges are no 8 mm long
+    assert "hardly a cutter of 2 mm" in theory_verdict(slim).text
+    _, best = key_numbers(slim)
+    assert best["level"] == "part"
+    assert "longer than a cutter's edges" in best["word"]
+    assert operating_verdict(slim).level == "good"
+    assert operating_verdict(replace(slim, diameter=0.5e-3)).level == "part"
+
+
+def test_best_speeds_say_how_far_off_they_may_be():
+    map_ = stability_maps.with_islands()
+    assert "± rpm" not in best_speeds(map_).headings
+    first, second = map_.best
+    margins = replace(first, speed_margin=390 * RPM), replace(second, speed_margin=0.6 * RPM)
+    table = best_speeds(replace(map_, best=margins))
+    assert table.headings[2] == "± rpm"
+    assert [row[2] for row in table.rows] == ["390", "below 1"]
+    assert "nine tenths of the limit" in table.note
+
+
+def test_simulated_cuts_that_differ_from_the_map_are_ringed_and_counted():
+    map_ = stability_maps.tried()
+    cuts = map_.simulated
+    chatter, stable = otherwise(map_)
+    assert not stable.any()
+    assert cuts.period[chatter].tolist() == [3]  # alone made otherwise than the map
+    figure = lobes(map_)
+    assert "Of 144 simulated cuts 1 chatters where the map is stable (ringed)" in figure.caption
+    drawn = re.search(r'<g class="marks ring otherwise">(.*?)</g>', figure.charts[0])[1]
+    assert drawn.count("<circle") == 1
+    as_mapped = replace(map_, simulated=replace(cuts, period=np.where(chatter, 1, cuts.period)))
+    assert "ringed" not in lobes(as_mapped).caption
+    assert "otherwise" not in lobes(as_mapped).charts[0]
+    assert not np.any(otherwise(replace(map_, method="time-domain")))
+
+
+def test_methods_stand_over_what_the_most_exact_holds_for_stable():
+    maps = stability_maps.compared()
+    figure = comparison(maps)
+    assert 'class="band stable"' in figure.charts[0]
+    assert polylines(figure.charts[0], "by-flip")
+    assert "Floquet multipliers: flip limit" in key_of(figure)
+    assert "zero-order limit" in figure.caption
+    assert "zero-order limit" not in comparison(maps[1:]).caption

@@ -11,7 +11,8 @@ from millcal.data import StabilityMap
 from millcal.report.charts import span_of
 from millcal.report.digits import significant
 from millcal.report.paper import sheet
-from millcal.report.stability_comparison import POINTWISE, bounds, depth_compared, in_order
+from millcal.report.stability_against import otherwise
+from millcal.report.stability_comparison import POINTWISE, bounds, depth_compared, in_order, shaded
 from millcal.report.stability_figure import CONTOURS, LEVELS, depth_drawn, leaps, reach, rpm_of
 from millcal.report.stability_regions import (
     KINDS,
@@ -31,11 +32,12 @@ INKS = (sheet.MAIN, sheet.MODEL, "#7a3fa0")  # by kind
 STYLES = ("-", "--", "-.")
 LIMITS = ("Hopf limit", "flip limit", "fold limit")
 SHADES = ("#eff5fb", "#dbe8f5", "#c5d9ee", "#adc9e6", "#93b8dd")  # from each of LEVELS on
+FLIP = KINDS.index("flip")
 GREEN, RED, PURPLE = "#117a4b", "#a01525", "#7a3fa0"
 BY_METHOD: dict[str, tuple] = {  # name, ink, style, width
     "floquet": ("Floquet", sheet.MAIN, "-", 1.1),
     "frf": ("straight from the FRF", GREEN, "-.", 0.9),
-    "zoa": ("zero-order", sheet.MODEL, "--", 0.9),
+    "zoa": ("zero-order", sheet.MUTED, "--", 1.0),
 }
 
 
@@ -66,36 +68,8 @@ def stability_map(map_: StabilityMap) -> Any:
         rule = upper.axhline(smallest, color=sheet.INK, linewidth=0.8, linestyle=":")
         entries.append((rule, f"smallest limit, {significant(smallest)} mm"))
     entries += _tried(upper, map_)
-    if map_.best:
-        speeds = rpm_of(np.array([best.spindle_speed for best in map_.best]))
-        depths = [best.axial_depth * 1e3 for best in map_.best]
-        look = {"markerfacecolor": "none", "markeredgecolor": sheet.INK, "markeredgewidth": 0.9, "markersize": 4.5}
-        look |= {"clip_on": False, "zorder": 4}  # hollow: periods are read through it
-        (marks,) = upper.plot(speeds, depths, "D", **look)
-        entries.append((marks, "best speeds, best first"))
-        for number, place in enumerate(zip(speeds, depths, strict=True), 1):
-            over = {"textcoords": "offset points", "ha": "center", "va": "bottom", "fontsize": 7}
-            sheet.haloed(upper.annotate(str(number), place, (0, 4), zorder=6, **over))
-    if (point := map_.operating) is not None:
-        speed, depth = float(rpm_of(point.spindle_speed)), point.axial_depth * 1e3
-        bars = None
-        if point.stable:
-            (left, right), (low, high) = reach(point, ends, top)
-            ink = {"color": sheet.INK, "markeredgewidth": 0.6, "markersize": 5.0, "zorder": 4.5}
-            bar = {"linewidth": 0.5}
-            if high > low:
-                upper.plot([speed, speed], [low, high], **bar, **ink)
-                upper.plot(speed, high, linestyle="none", marker="_", **ink)
-            if right > left:
-                upper.plot([left, right], [depth, depth], marker="|", **bar, **ink)
-            if high > low or right > left:
-                (bars,) = upper.plot([], [], marker="|", **bar, **ink)
-        (mark,) = upper.plot(
-            speed, depth, "X", color=sheet.INK, markersize=6, markeredgewidth=0, clip_on=False, zorder=5
-        )
-        entries.append((mark, "operating point"))
-        if bars is not None:
-            entries.append((bars, "it may move so far"))
+    entries += _best(upper, map_, "best speeds, best first", top)
+    entries += _operating(upper, map_, ends, top)
     _chatter(lower, map_, rpm)
     sheet.scale(upper, "x", ends, most=8)
     sheet.quiet(upper, "x")
@@ -106,6 +80,46 @@ def stability_map(map_: StabilityMap) -> Any:
     sheet.letters((upper, lower))
     sheet.legend(figure, entries, columns=4)
     return figure
+
+
+def _best(axes: Any, map_: StabilityMap, name: str, top: float) -> list[tuple[Any, str]]:
+    """The best speeds at their limits, numbered, as far as the picture goes.   name : in the legend   top : mm"""
+    inside = [(i, best) for i, best in enumerate(map_.best, 1) if best.axial_depth * 1e3 <= top]
+    if not inside:
+        return []
+    speeds = rpm_of(np.array([best.spindle_speed for _, best in inside]))
+    depths = [best.axial_depth * 1e3 for _, best in inside]
+    look: dict[str, Any] = {"markerfacecolor": "none", "markeredgecolor": sheet.INK, "markeredgewidth": 0.9}
+    look |= {"markersize": 4.5, "clip_on": False, "zorder": 4}  # hollow: periods are read through it
+    (marks,) = axes.plot(speeds, depths, "D", **look)
+    for (number, _), place in zip(inside, zip(speeds, depths, strict=True), strict=True):
+        over = {"textcoords": "offset points", "ha": "center", "va": "bottom", "fontsize": 7}
+        sheet.haloed(axes.annotate(str(number), place, (0, 4), zorder=6, **over))
+    return [(marks, name)]
+
+
+def _operating(
+    axes: Any, map_: StabilityMap, ends: tuple[float, float], top: float, *, bars: bool = True
+) -> list[tuple[Any, str]]:
+    """The operating point, with bars as far as it may move; nothing where it lies beside the picture."""
+    point = map_.operating
+    if point is None or not ends[0] <= float(rpm_of(point.spindle_speed)) <= ends[1]:
+        return []
+    speed, depth = float(rpm_of(point.spindle_speed)), point.axial_depth * 1e3
+    bar_shown = None
+    if point.stable and bars:
+        (left, right), (low, high) = reach(point, ends, top)
+        ink = {"color": sheet.INK, "markeredgewidth": 0.6, "markersize": 5.0, "zorder": 4.5}
+        bar = {"linewidth": 0.5}
+        if high > low:
+            axes.plot([speed, speed], [low, high], **bar, **ink)
+            axes.plot(speed, high, linestyle="none", marker="_", **ink)
+        if right > left:
+            axes.plot([left, right], [depth, depth], marker="|", **bar, **ink)
+        if high > low or right > left:
+            (bar_shown,) = axes.plot([], [], marker="|", **bar, **ink)
+    (mark,) = axes.plot(speed, depth, "X", color=sheet.INK, markersize=6, markeredgewidth=0, clip_on=False, zorder=5)
+    return [(mark, "operating point"), *([(bar_shown, "it may move so far")] if bar_shown is not None else [])]
 
 
 def _limits(axes: Any, map_: StabilityMap, rpm: np.ndarray, top: float) -> list[tuple[Any, str]]:
@@ -177,7 +191,14 @@ def _tried(axes: Any, map_: StabilityMap) -> list[tuple[Any, str]]:
                 look, text = {"marker": "1", "color": PURPLE, "markersize": 3}, "simulated: chatter"
             above = 4.2 if period > 1 else 3.5  # a number is read over the mark of a best speed
             look |= {"markeredgewidth": 0.7 if period < 1 else 0.2, "zorder": above, "clip_on": False}
+            if period == 1:  # read on the darkest shade too
+                look |= {"markersize": 3, "markeredgecolor": "white", "markeredgewidth": 0.5}
             told.setdefault(text, axes.plot(n, b, linestyle="none", **look)[0])
+        differ = np.logical_or(*otherwise(map_))
+        if differ.any():
+            n, b = rpm_of(cuts.spindle_speed[differ]), cuts.axial_depth[differ] * 1e3
+            ring = {"markerfacecolor": "none", "markeredgecolor": sheet.INK, "markeredgewidth": 0.6, "markersize": 6.5}
+            told["simulated otherwise than mapped"] = axes.plot(n, b, "o", zorder=4, clip_on=False, **ring)[0]
         entries += [(marks, text) for text, marks in told.items()]
     if (tests := map_.tests) is not None:
         for stable, marker, ink, text in ((True, "o", GREEN, "stable"), (False, "x", RED, "chatter")):
@@ -208,25 +229,49 @@ def _chatter(axes: Any, map_: StabilityMap, rpm: np.ndarray) -> None:
 
 
 def comparison(maps: Sequence[StabilityMap]) -> Any:
-    """The bounds of the same cut by several methods; a method that follows cuts in time is shown by points."""
-    rows = in_order(maps)
+    """The bounds of the same cut by several methods, over what the most exact of them holds for stable.
+
+    A method that follows cuts in time is shown by points. Kinds of chatter are told apart for the method that is shaded.
+
+    maps : the first is the one whose best speeds and operating point are marked
+    """
+    asked, rows = maps[0], in_order(maps)
     top = depth_compared(rows) * 1e3
     rpm = [rpm_of(m.spindle_speed) for m in rows]
     ends = (min(float(n[0]) for n in rpm), max(float(n[-1]) for n in rpm))
+    within = tuple(best for best in asked.best if best.axial_depth * 1e3 <= (1 + 1e-9) * top)
+    top = max([top, *(1.12 * best.axial_depth * 1e3 for best in within)])  # room for the number over the mark
     figure, ((axes,),) = sheet.sheet(sheet.DOUBLE, 80.0)
-    entries = []
+    entries: list[tuple[Any, str]] = []
+    below = shaded(rows)
     for number, (map_, n) in enumerate(zip(rows, rpm, strict=True)):
         if map_.method == POINTWISE:
             limit = np.where(map_.limit_depth * 1e3 <= top, map_.limit_depth * 1e3, np.nan)
             look = {"markerfacecolor": "white", "markeredgecolor": sheet.INK, "markersize": 3.6, "markeredgewidth": 0.8}
-            (shown,) = axes.plot(n, limit, "o", zorder=4, **look)
+            (shown,) = axes.plot(n, limit, "o", zorder=4, clip_on=False, **look)
             entries.append((shown, "time domain"))
             continue
+        out_of_sight = min(3 * top, map_.deepest * 1e3)
         name, ink, style, width = BY_METHOD.get(map_.method, (map_.method, sheet.MUTED, ":", 0.8))
         look = {"color": ink, "linestyle": style, "linewidth": width, "zorder": 2.5 + 0.1 * number}
+        kinds: dict[str, Any] = {}
         for edge in bounds(map_):
-            axes.plot(edge.x, np.minimum(edge.y, min(3 * top, map_.deepest * 1e3)), **look)
-        entries.append((axes.plot([], [], **look)[0], name))
+            flips = map_ is below and edge.kind == FLIP
+            own = look | ({"color": sheet.MODEL} if flips else {})
+            (kinds[f"{name}: {LIMITS[edge.kind]}" if map_ is below else name],) = axes.plot(
+                edge.x, np.minimum(edge.y, out_of_sight), **own
+            )
+        if map_ is below:
+            for area in areas(n, stable_stretches(map_)):
+                low, high = (np.minimum(depth * 1e3, out_of_sight) for depth in (area.low, area.high))
+                axes.fill_between(area.x, low, high, color=sheet.STABLE, linewidth=0.3)
+            kinds[f"{name}: stable"] = _patch(axes, sheet.STABLE)
+        entries += [(line, text) for text, line in sorted(kinds.items(), key=lambda entry: entry[0])]
+        if not kinds:
+            entries.append((axes.plot([], [], **look)[0], name))
+    name = BY_METHOD.get(asked.method, ("time domain",))[0]
+    entries += _best(axes, asked, f"best speeds, {name}", top)
+    entries += _operating(axes, asked, ends, top, bars=False)  # how far it may move is one method's word
     axes.tick_params(axis="x", pad=5)  # the first number stands in the corner beside the 0
     sheet.scale(axes, "x", ends, label="spindle speed (rpm)", most=8)
     sheet.scale(axes, "y", (0.0, top), label="axial depth $a_\\mathrm{p}$ (mm)", most=7)

@@ -70,10 +70,10 @@ def test_simulated_periods_are_marked_with_their_number():
 def test_the_zero_order_limit_is_dashed_beside_the_others_and_the_time_domain_points():
     with sheet.style():
         figure = comparison(stability_maps.compared())
-    handles = dict(
-        zip((t.get_text() for t in figure.legends[0].get_texts()), figure.legends[0].get_lines(), strict=True)
-    )
-    assert handles["Floquet"].get_linestyle() == "-"
+    legend = figure.legends[0]
+    handles = dict(zip((t.get_text() for t in legend.get_texts()), legend.legend_handles, strict=True))
+    assert handles["Floquet: Hopf limit"].get_linestyle() == "-"
+    assert handles["Floquet: flip limit"].get_color() == sheet.MODEL != handles["zero-order"].get_color()
     assert handles["zero-order"].get_linestyle() == "--"
     assert handles["time domain"].get_marker() == "o"
 
@@ -115,3 +115,36 @@ def test_a_margin_has_an_end_stroke_only_where_it_ends_within_the_map():
     (top,) = [line.get_ydata()[0] for line in axes.lines if line.get_marker() == "_"]
     assert top > 1.2 * axes.get_ylim()[1]
     assert "it may move so far" in texts
+
+
+def test_methods_side_by_side_keep_what_was_asked_and_advised_and_show_which_side_is_stable():
+    zero_order, exact, *others = stability_maps.compared()
+    with sheet.style():
+        figure = comparison([exact, zero_order, *others])
+        axes = figure.axes[0]
+        deep = replace(exact, best=tuple(replace(best, axial_depth=90e-3) for best in exact.best))
+        beyond = comparison([deep, zero_order]).axes[0]
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert {"best speeds, Floquet", "operating point", "Floquet: stable"} <= set(texts)
+    assert [text.get_text() for text in axes.texts] == ["1", "2"]
+    assert {"X", "D"} <= {line.get_marker() for line in axes.lines}
+    assert len(axes.collections) > 0
+    assert not beyond.texts  # none is drawn above the picture
+
+
+def test_an_operating_point_beside_the_map_is_not_drawn():
+    map_ = stability_maps.with_islands()
+    beside = replace(map_.operating, spindle_speed=20000 * RPM)
+    with sheet.style():
+        figure = stability_map(replace(map_, operating=beside))
+    assert "X" not in {line.get_marker() for line in figure.axes[0].lines}
+    assert "operating point" not in [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_simulated_cuts_that_differ_from_the_map_have_a_ring():
+    map_ = stability_maps.tried()
+    with sheet.style():
+        figure = stability_map(map_)
+    assert "simulated otherwise than mapped" in [text.get_text() for text in figure.legends[0].get_texts()]
+    rings = [line for line in figure.axes[0].lines if line.get_marker() == "o" and line.get_markersize() == 6.5]
+    assert sum(len(line.get_xdata()) for line in rings) == 1
