@@ -138,7 +138,10 @@ def test_the_same_call_twice_writes_the_same_bytes(run, tmp_path):
             "one pitch",
         ),
         ([*COEFFICIENTS, "--frf", "a.h5", "--setup", "cutter.toml", "--simulate-points", "5", "5"], "needs modes"),
-        ([*COEFFICIENTS, "--setup", "setup.toml", "--process-damping", "5"], "zoa knows no process damping"),
+        (
+            [*COEFFICIENTS, "--setup", "setup.toml", "--method", "zoa", "--process-damping", "5"],
+            "zoa knows no process damping",
+        ),
         ([*COEFFICIENTS, "--setup", "setup.toml", "--pitch-deg", "100,120"], "are not 3 angles"),
         ([*COEFFICIENTS, "--setup", "setup.toml", "--pitch-deg", "even"], "no list such as"),
         ([*COEFFICIENTS, "--setup", "setup.toml", "--deepest-mm", "0"], "0 is not above 0"),

@@ -54,7 +54,7 @@ def test_a_map_without_test_cuts_reads_none(read):
         ('method = "frf"\ndynamics = "modes"', {}, "stability.dynamics: method frf is of the FRF as measured"),
         ('method = "floquet"\ndynamics = "frf"', {}, "stability.dynamics: method floquet is of modes"),
         ('method = "floquet"', {"dynamics": f"{HIT}[modes]\nfit = false\n"}, "floquet is of modes, and [modes] says that none"),
-        ("process_damping_N_per_mm = 5", {}, "stability.process_damping_N_per_mm: method zoa knows none"),
+        ('method = "zoa"\nprocess_damping_N_per_mm = 5', {}, "stability.process_damping_N_per_mm: method zoa knows none"),
         ("friction = 0.4", {}, "stability.friction: counts with process_damping_N_per_mm alone"),
         ("process_damping_N_per_mm = -5", {}, "stability.process_damping_N_per_mm"),
         ("deepest_mm = 0", {}, "stability.deepest_mm"),
