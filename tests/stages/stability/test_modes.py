@@ -118,7 +118,12 @@ def test_one_fitted_mode_has_the_limit_and_the_minimum_of_the_closed_form():
     mode = Mode(500.0, 0.03, 8e6, "x")
     one = Modes(natural_frequency=[500.0], damping_ratio=[0.03], stiffness=[8e6], axes=("x",))
     found = map_stability(
-        fitted(one, residue=residues(one)[:, :1, :1], dofs=("tipX",)), (KTC, KRC), **CUT, points=50, rigid="y"
+        fitted(one, residue=residues(one)[:, :1, :1], dofs=("tipX",)),
+        (KTC, KRC),
+        **CUT,
+        points=50,
+        rigid="y",
+        method="zoa",
     )
     cutting = mean_cutting_matrix(KTC, KRC, teeth=2, entry=np.pi / 2, leave=np.pi)
     np.testing.assert_allclose(
@@ -145,7 +150,7 @@ def test_the_lines_that_modes_stand_for_give_the_map_of_the_modes(turn, phase):
 def test_with_a_remainder_chatter_is_looked_for_in_the_band_and_a_little_beyond():
     remainder = 1e-9 * np.diag([5.0, 5.0])[None]
     wide, narrow = (
-        map_stability(fitted(remainder=remainder, powers=(0,), band=band), (KTC, KRC), **CUT, points=200)
+        map_stability(fitted(remainder=remainder, powers=(0,), band=band), (KTC, KRC), **CUT, points=200, method="zoa")
         for band in ((100.0, 2400.0), (300.0, 500.0))
     )
     assert "band-limited" in codes(narrow)
