@@ -60,14 +60,13 @@ def pockets(
         depth = np.where(np.isfinite(depth), depth, 0.0)
     kept = np.minimum(held(speeds, depth, speeds), deepest)
     open_ended = kept >= deepest
-    middle = _middles(speeds, open_ended)
-    rate = np.where(depth > 0, kept * middle, -np.inf)
+    rate = np.where(depth > 0, kept * speeds, -np.inf)
     padded = np.concatenate([[-np.inf], rate, [-np.inf]])
-    beside = np.concatenate([[False], open_ended, [False]])
-    rim = (beside[:-2] | beside[2:]) & ~open_ended  # of a pocket without a bottom: no pocket of its own
-    top = np.flatnonzero((rate >= padded[:-2]) & (rate > padded[2:]) & np.isfinite(rate) & ~rim)
-    top = top[np.argsort(-rate[top], kind="stable")][:LOOKED_AT]
-    best = middle[top]
+    top = np.flatnonzero((rate >= padded[:-2]) & (rate > padded[2:]) & np.isfinite(rate))
+    top = np.array(list(dict.fromkeys(_up_the_wall(int(i), kept, open_ended) for i in top)), int)
+    best = _middles(speeds, open_ended)[top]
+    first = np.argsort(-kept[top] * best, kind="stable")[:LOOKED_AT]
+    top, best = top[first], best[first]
     low, high = speeds[np.maximum(top - 1, 0)], speeds[np.minimum(top + 1, len(speeds) - 1)]
     walled = ~open_ended[top]
     if not walled.any():
@@ -105,6 +104,18 @@ def _held_best(
         best = places[np.argmax(value, axis=0), np.arange(len(best))]
         half = half / max(many // 2, 2)
     return best
+
+
+def _up_the_wall(top: int, kept: np.ndarray, open_ended: np.ndarray) -> int:
+    """The pocket without a bottom whose faster wall a top stands on, where rate still grows as depth falls; else the top."""
+    i = top
+    while i > 0 and not open_ended[i] and kept[i - 1] >= kept[i]:
+        i -= 1
+    if not open_ended[i]:
+        return top
+    while i > 0 and open_ended[i - 1]:
+        i -= 1
+    return i
 
 
 def _middles(speeds: np.ndarray, chosen: np.ndarray) -> np.ndarray:

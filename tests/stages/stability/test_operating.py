@@ -179,6 +179,18 @@ def test_what_holds_is_the_least_within_half_a_percent_of_the_speed():
     assert held(np.array([100.0, 200.0]), 1 / line, np.array([150.0])) == pytest.approx(1 / (1.5 + 150 * HELD / 100))
 
 
+def test_a_pocket_without_a_bottom_is_not_lost_on_its_faster_wall():
+    """Depth falls there more slowly than the speed grows, and yet the speed to run is the one in the middle."""
+    speeds = np.linspace(100.0, 200.0, 101)
+    inside = np.abs(speeds - 140.0) <= 10.0
+    depth = np.where(
+        inside, np.inf, np.where(speeds > 150.0, 9e-3 * 150.0 / speeds + 1e-6 * (150.0 - speeds) + 3e-6, 1e-3)
+    )
+    (best, *others) = pockets(lambda some: np.interp(some, speeds, depth), speeds, depth, 9e-3, (0, 0))
+    assert best == pytest.approx(140.0, abs=1.0)
+    assert all(abs(other - 140.0) > 12.0 for other in others)
+
+
 def test_a_best_speed_stands_where_its_depth_holds_and_not_on_a_cliff():
     """At 10,885 rpm the limit is 6.2, a revolution slower 4: the best speed keeps away from the wall."""
 
