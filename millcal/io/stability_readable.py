@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -95,7 +96,7 @@ def _brief(found: StabilityMap, s: Mapping[str, Any]) -> list[str]:
     elif s["deepest_mm"] is not None:
         lines[0] += f", looked for down to {cell(s['deepest_mm'])} mm"
     if s["best"]:
-        lines += _best_speeds(s["best"])
+        lines += _best_speeds(s["best"], s["draws"])
         if _leaves(found):
             lines.append(
                 "limits are those of small vibrations: where a knock throws a tooth out of so short a cut, it may chatter before "
@@ -106,7 +107,7 @@ def _brief(found: StabilityMap, s: Mapping[str, Any]) -> list[str]:
     else:
         lines.append("no pocket between lobes in this range of speeds")
     if s["operating_point"] is not None:
-        lines += _operating(s["operating_point"], [s["limit"][i]["rpm"] for i in (0, -1)])
+        lines += _operating(s["operating_point"], [s["limit"][i]["rpm"] for i in (0, -1)], s["draws"])
     if "tests" in s:
         lines += _tests(s["tests"])
     if "simulated" in s:
@@ -137,7 +138,7 @@ def _islands(crossings: Sequence[Mapping[str, Any]]) -> str | None:
     return ", ".join(found) or None
 
 
-def _best_speeds(best: Sequence[Mapping[str, Any]]) -> list[str]:
+def _best_speeds(best: Sequence[Mapping[str, Any]], draws: int | None) -> list[str]:
     """What to cut at each speed and what that removes; with a band the safe depth, else the limit itself."""
     safe = not all(b["safe_ap_mm"] is None for b in best)
     powered = not all(b["power_W"] is None for b in best)
@@ -149,7 +150,7 @@ def _best_speeds(best: Sequence[Mapping[str, Any]]) -> list[str]:
         removal = b["mrr_cm3_per_min"]
         if safe:
             at_safe = None if b["safe_ap_mm"] is None or removal is None else removal * b["safe_ap_mm"] / b["ap_mm"]
-            row = [b["safe_ap_mm"], at_safe, b["ap_mm"], b["p_stable"]]
+            row = [b["safe_ap_mm"], at_safe, b["ap_mm"], _chance(b["p_stable"], draws)]
         else:
             row = [b["ap_mm"], removal]
         margin = [None if b["speed_margin_rpm"] is None else round(b["speed_margin_rpm"])] if spread else []
@@ -165,12 +166,22 @@ def _best_speeds(best: Sequence[Mapping[str, Any]]) -> list[str]:
     return [head, table((*header, *(["N m", "W"] if powered else [])), rows)]
 
 
-def _operating(p: Mapping[str, Any], ends: Sequence[float]) -> list[str]:
+def _chance(p: float | None, draws: int | None) -> str | None:
+    """A share of so many draws, with no more said than they bear: none of n is still any chance below 3 / n, by 95 %."""
+    if p is None:
+        return None
+    least = min(ceil(3000 / draws) / 1000, 0.5) if draws else 0.0
+    if p < least:
+        return f"below {least:g}"
+    return f"above {1 - least:g}" if p > 1 - least else f"{p:.2f}"
+
+
+def _operating(p: Mapping[str, Any], ends: Sequence[float], draws: int | None) -> list[str]:
     """ends : the lowest and the highest speed of the map, rpm; a margin that reaches them may be wider"""
     bound = "no limit found" if p["limit_ap_mm"] is None else f"limit {cell(p['limit_ap_mm'])} mm"
     if p["limit_ap_mm_ci95"] is not None and p["limit_ap_mm"] is not None:
         bound += f" ({interval(p['limit_ap_mm_ci95'])})"
-    chance = "" if p["p_stable"] is None else f", stable with probability {p['p_stable']:.3g}"
+    chance = "" if p["p_stable"] is None else f", stable with probability {_chance(p['p_stable'], draws)}"
     lines = [f"operating point {p['rpm']:.0f} rpm, {p['ap_mm']:.4g} mm: {bound}{chance}"]
     by = "" if p["kind"] is None else f" by {p['kind']}"
     at = "" if p["chatter_hz"] is None else f" about {p['chatter_hz']:.0f} Hz"

@@ -11,7 +11,7 @@ import pytest
 from millcal.data import BestSpeed, OperatingPoint, StabilityMap
 from millcal.io.readable import text_of
 from millcal.io.stability_readable import compared_text
-from millcal.io.stability_summary import compared
+from millcal.io.stability_summary import compared, summarise_stability
 from millcal.io.stability_table import stability_table
 from millcal.io.summaries import summarise
 
@@ -92,9 +92,21 @@ def test_simulated_cuts_are_counted_by_their_period(make_record):
 
 def test_a_cut_without_a_limit_says_so_in_words(make_record):
     point = OperatingPoint(700.0, 1e-3, np.inf, True, "", np.nan, (np.inf, np.inf), 1.0, (np.inf, 30.0))
-    said = text_of(replace(make_record("stability_map"), operating=point))
-    assert "1 mm: no limit found, stable with probability 1" in said
+    said = text_of(replace(make_record("stability_map"), operating=point, draws=1000))
+    assert "1 mm: no limit found, stable with probability above 0.997" in said
     assert "before this depth chatters the speed may rise by 286 rpm" in said
+
+
+@pytest.mark.parametrize(
+    ("share", "draws", "words"),
+    [(1.0, 60, "above 0.95"), (1.0, 2000, "above 0.998"), (0.0, 200, "below 0.015"), (0.5233, 60, "0.52"), (1.0, 4, "above 0.5")],
+)  # fmt: skip
+def test_a_probability_says_no_more_than_its_draws_bear(make_record, share, draws, words):
+    """None of n draws: up to 3 / n by 95 %."""
+    point = OperatingPoint(700.0, 1e-3, 2e-3, True, "hopf", 500.0, (1.5e-3, 3e-3), share)
+    record = replace(make_record("stability_map"), operating=point, draws=draws)
+    assert f"stable with probability {words}\n" in text_of(record)
+    assert summarise_stability(record)["draws"] == draws
 
 
 def test_a_margin_that_reaches_the_end_of_the_map_may_be_wider(make_record):
