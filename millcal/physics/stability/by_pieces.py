@@ -39,6 +39,7 @@ FEWEST, MORE = 20, 6  # steps of Arnoldi's method before the first look, and at 
 MOST = 480
 FLOOR = 0.3  # multipliers of which nothing needs to be known
 SETTLED = 1e-8  # of |mu|, from one look to the next: the error is far less
+ROUNDING = 1e-11  # of the largest, by which the smaller ones are not known
 WITHIN = 1e-2  # of the way from a multiplier to 0.9, which need not be known so well
 
 
@@ -210,6 +211,9 @@ class Period:
         _, basis, hessenberg = self._krylov(KEPT)
         value, vector = np.linalg.eig(hessenberg)
         nearest = int(np.argmin(np.abs(value**self.cut.repeats - multiplier)))
+        time = self.cut.shape.period / self.speed
+        if not 0.0 < abs(value[nearest]) < np.inf:  # lost beside much larger ones: the lowest alias
+            return float(abs(np.angle(multiplier))) / (2 * math.pi * time * self.cut.repeats)
         state = vector[:, nearest] @ basis
         pushed = self.through(state.real)[1] + 1j * self.through(state.imag)[1]
         lay, size = self.lay, len(self.cut.tip.rows)
@@ -218,7 +222,7 @@ class Period:
             node, weight = _gauss(n)
             angle.append(lay.start[p] + lay.length[p] * node)
             force.append(pushed[lay.first[p] : lay.first[p + 1]].reshape(size, n) * (weight * lay.length[p]))
-        modes, time = self.cut.modes, self.cut.shape.period / self.speed
+        modes = self.cut.modes
         reach = math.ceil(1.5 * float(np.abs(modes.pole).max()) * time / (2 * math.pi)) + 2
         s = np.log(value[nearest]) / time + 2j * math.pi * np.arange(-reach, reach + 1) / time
         wave = np.exp(-s[:, np.newaxis] * np.concatenate(angle) / self.speed)
@@ -278,7 +282,7 @@ def _alike(before: np.ndarray, now: np.ndarray) -> bool:
 def _settled(before: np.ndarray, now: np.ndarray) -> bool:
     """Whether more steps change what counts: the largest, and less the farther within the circle, the others."""
     size, change = np.abs(now), np.abs(np.abs(now) - np.abs(before))
-    room = SETTLED * np.maximum(size, 1.0) + WITHIN * np.maximum(0.9 - size, 0.0)
+    room = SETTLED * np.maximum(size, 1.0) + WITHIN * np.maximum(0.9 - size, 0.0) + ROUNDING * size[0]
     room[0] = SETTLED * size[0]
     return bool(np.all((change <= room) | (size < FLOOR)))
 
@@ -350,6 +354,13 @@ class Columns:
             if at != int(column[0]):
                 self.progress(done / len(column))
         self.progress = lambda share: None  # what follows the first samples is short
+        return found
+
+    def frequencies(self, column: np.ndarray, depth: np.ndarray, multiplier: np.ndarray) -> np.ndarray:
+        """`floquet.chatter_frequency` of points and their multipliers.   column, depth, multiplier : (n,)   returns (n,) Hz"""
+        found = np.empty(len(column))
+        for i, (at, b, mu) in enumerate(zip(column.tolist(), depth.tolist(), multiplier.tolist(), strict=True)):
+            found[i] = self.ready.at(self.speed[at], b, self.rate[at], self.decades[at]).loudest(mu)
         return found
 
     def flips(self) -> tuple[np.ndarray, np.ndarray]:

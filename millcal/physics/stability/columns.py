@@ -17,6 +17,7 @@ from millcal.physics.stability.regeneration import FLIP, FOLD, HOPF
 BESIDE = 1e-6  # of its depth, to both sides of a flip
 BULGE = 3  # parabolas through a bulge
 STEPS = 60
+HIDES = 1e6  # |mu| beside which those at the circle are known to 1e-5 or so
 
 Model = Callable[[np.ndarray, np.ndarray], np.ndarray]  # column (n,), depth (n,) -> multipliers (n, k), largest first
 
@@ -52,6 +53,8 @@ def crossings_in_columns(
     """
     column, depth = _sampled(columns, deepest, samples, flips)
     multiplier = model(column, depth)
+    told = _told(column, multiplier)
+    column, depth, multiplier = column[told], depth[told], multiplier[told]
     size = _log(multiplier)
     count = np.sum(size > 0, axis=1)
     step = np.flatnonzero(column[1:] == column[:-1])
@@ -94,6 +97,19 @@ def _sampled(columns: int, deepest: float, samples: int, flips: tuple[np.ndarray
     depth = np.concatenate([every[1], flips[1] * (1 - BESIDE), flips[1] * (1 + BESIDE)])
     order = np.lexsort((depth, column))
     return column[order], depth[order]
+
+
+def _told(column: np.ndarray, multiplier: np.ndarray) -> np.ndarray:
+    """Samples down to the first of those, to the end of their column, beside whose largest multiplier rounding hides the others.
+
+    A revolution far beyond the limit multiplies a wave by 1e8 and more, while others stay at the circle, where rounding alone
+    would have them cross, to and fro.   returns bool (n,)
+    """
+    index = np.arange(len(column))
+    last = np.zeros(column.max(initial=0) + 1, int)
+    clear = np.abs(multiplier[:, 0]) <= HIDES
+    np.maximum.at(last, column[clear], index[clear])
+    return index <= last[column] + 1
 
 
 def _log(multiplier: np.ndarray) -> np.ndarray:

@@ -247,7 +247,8 @@ def boundary(
     """All crossings of the unit circle up to a depth, column by column (`columns`); the crossings of every multiplier.
 
     Of equal orders a column holds tens of eigenvalue problems instead of a hundred pixels, and returns depths and kinds. A
-    pocket between two samples that no bulge betrays is missed; `all_crossings` does not scan.
+    pocket between two samples that no bulge betrays is missed; `all_crossings` does not scan. Where a period multiplies waves by a
+    million, to the end of the column, no further crossings are told.
 
     spindle_speed : (s,) rad/s   deepest : m   depths : samples of a column   depth_tolerance : m
     """
@@ -263,6 +264,9 @@ def boundary(
         known = (np.empty(0, int), np.empty(0)) if cut.wind else _flips(speed, tip, cut, deepest, orders)
         model = _Multipliers(speed, orders, tip, cut, progress)
     found = crossings_in_columns(model, len(speed), deepest, depths, known, depth_tolerance)
+    if isinstance(model, by_pieces.Columns):
+        frequency = model.frequencies(found.column, found.depth, found.multiplier)
+        return Crossings(found.column, found.depth, found.kind, frequency, found.loses)
     return _crossings(speed, found.column, found.depth, found.kind, found.multiplier, found.loses, tip, cut, orders)
 
 
