@@ -38,6 +38,17 @@ def test_a_tone_ten_times_as_large_as_all_harmonics_does_not_draw_it(place):
     assert found.cycle == pytest.approx(cycle, rel=1e-5)
 
 
+@pytest.mark.parametrize(("every", "stated"), [(1, 1.005), (4, 1.003), (5, 0.997)])
+def test_without_any_noise_the_peaks_tell_and_not_their_skirts(every, stated):
+    """A Hann window's skirts stand far above nothing, a line and more away from every harmonic."""
+    cycle, rng, n = 0.0264, np.random.default_rng(7), 2200
+    order = every * np.arange(1, int(0.45 / cycle / every) + 1)
+    y = lines(cycle * order, 1 / np.arange(1, len(order) + 1), rng, noise=0.0, n=n)
+    found, seen = comb_cycle(y, stated * cycle, every=every)
+    assert found.cycle == pytest.approx(cycle, rel=1e-4)
+    assert set(seen) == set(order.tolist())
+
+
 def test_noise_alone_shows_no_comb():
     rng = np.random.default_rng(1)
     few = [len(comb_cycle(rng.normal(size=(1, N)), 0.0078)[1]) for _ in range(20)]

@@ -14,10 +14,11 @@ from millcal.numerics.spectra import Reader
 HARMONICS = 20  # of the teeth
 BANDS, LOWEST = 16, 0.5  # of all frequencies, from this share of the tooth passing on
 ASTRAY = 0.012  # relative, by which the stated speed may be off
-QUIET = 0.1  # quantile of the frames that is the quiet level of a harmonic
+QUIET, TOGETHER = 0.02, 3  # quantile of the frames, some taken together, that is the quiet level of a harmonic
 PARTED = 2.5  # times as strong the harmonics are in the cut, in the mean of either
 FEWEST = 6  # turns that are parted
 SEEN, LARGE = 8.0, 0.01  # a harmonic over its surroundings, and over the largest, from which it is seen
+AS_STRONG = 1e-3  # power of a harmonic where a cut is gentle, over that where it chatters
 SHARE_SEEN = 0.5  # of the harmonics of the cut, from which quiet turns with these are of a cut
 TIMES = 3  # that the quiet turns are parted again
 
@@ -37,7 +38,8 @@ def turns_of_the_cut(read: Reader, survey: Survey, cycle: float, teeth: int, fra
         return usable
     line, level, band = _lines(read, starts, size, order * cycle * size, teeth * cycle * size)
     heard = np.concatenate([line, band], axis=1)
-    quiet = np.maximum(np.quantile(heard, QUIET, axis=0), 1e-12 * heard.max(axis=0))
+    together = np.lib.stride_tricks.sliding_window_view(heard, TOGETHER, axis=0).mean(axis=-1)
+    quiet = np.maximum(np.quantile(together, QUIET, axis=0), 1e-12 * heard.max(axis=0))
     over = np.log(np.sum(heard / np.maximum(quiet, 1e-300), axis=1) + 1e-300) / 2
     at = (starts + size / 2) * cycle - 0.5
     over = np.interp(np.arange(turns), at, over)
@@ -101,4 +103,5 @@ def _seen_alike(line: np.ndarray, level: np.ndarray, weak: np.ndarray, strong: n
     usual = np.median(line[strong], axis=0)
     seen = (usual > SEEN * np.median(level[strong], axis=0)) & (usual > LARGE * usual.max())
     there = np.median(line[weak] / np.maximum(level[weak], 1e-300), axis=0) > SEEN
+    there &= np.median(line[weak], axis=0) > AS_STRONG * usual
     return bool(seen.any() and there[seen].mean() >= SHARE_SEEN)

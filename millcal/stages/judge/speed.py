@@ -4,6 +4,8 @@ Heavy chatter may leave nothing of the harmonics to be seen. But the cut modulat
 tones that lie whole turns from the strongest tell the speed as well.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from millcal.data import Recording
@@ -11,7 +13,7 @@ from millcal.numerics.comb import comb_cycle
 from millcal.numerics.pulses import number_pulses, pulse_times
 from millcal.numerics.residual_lines import fast_length, residual_spectra
 from millcal.numerics.spectra import Cycle, reader_of
-from millcal.numerics.tones import find_tones
+from millcal.numerics.tones import find_tones, folded
 from millcal.stages.judge.signal import Note, reader
 
 NEAR, FAR = 0.012, 0.032  # how far the stated speed may be off: usually, and at most
@@ -26,6 +28,8 @@ PULSE_SCATTER = 0.05  # of a revolution
 TONES, SMALLEST = 10, 1e-4  # whose distances are looked at, and their power over that of the strongest
 FARTHEST = 4  # tooth passings from it
 BY_CHANCE = 0.04  # probability at which tones lie so, up to which they tell a speed
+SURELY = 1e-3  # and up to which they are believed against harmonics
+MANY_SEEN = 12  # harmonics that are believed all the same
 
 
 def refined_cycle(
@@ -37,10 +41,12 @@ def refined_cycle(
     """
     by_comb, seen = _by_harmonics(samples, stated, teeth)
     follows = _follows(seen, teeth)
-    if not follows:
-        apart = _by_distances(samples, stated, teeth)
-        if apart is not None:
-            by_comb, follows = apart, True
+    apart = _by_distances(samples, stated, teeth) if len(seen) < MANY_SEEN else None
+    if apart is not None and (not follows or (apart.chance < SURELY and apart.leaves(by_comb.cycle))):
+        by_comb, follows = (
+            apart.cycle,
+            True,
+        )  # the strongest tone is then no harmonic, though a speed nearby makes it one
     by_pulse = _pulse_cycle(recording, start, start + samples.shape[1], stated, note)
     if by_pulse is not None:
         found = by_pulse
@@ -81,7 +87,21 @@ def _follows(seen: tuple[int, ...], teeth: int) -> bool:
     return len(seen) >= (FEWEST_SEEN if of_teeth else FEWEST_OTHERS) or seen == (teeth,)
 
 
-def _by_distances(samples: np.ndarray, stated: float, teeth: int) -> Cycle | None:
+class Apart(NamedTuple):
+    """A speed by the distances between tones."""
+
+    chance: float  # that tones lie so at random
+    cycle: Cycle
+    strongest: float  # frequency of the strongest tone, cycles per sample
+    line: float  # cycles per sample
+
+    def leaves(self, cycle: float) -> bool:
+        """Whether the strongest tone is no harmonic by this speed, but one by another."""
+        off = abs(float(folded(self.strongest, self.cycle.cycle)))
+        return off > self.line and off > 3 * float(folded(self.strongest, cycle))
+
+
+def _by_distances(samples: np.ndarray, stated: float, teeth: int) -> Apart | None:
     """The speed by which tones lie whole turns from the strongest; None where so many might do so by chance.
 
     A tone d away is k turns from it at the speed d / k. That this is as near the stated speed as it is, by chance, has the
@@ -90,7 +110,7 @@ def _by_distances(samples: np.ndarray, stated: float, teeth: int) -> Cycle | Non
     n = samples.shape[1]
     size = fast_length(n)
     line = 1.0 / size
-    best: tuple[float, Cycle] | None = None
+    best: Apart | None = None
     for row in range(len(samples)):
         read = reader_of(samples[row : row + 1] - samples[row].mean())
         spectrum = residual_spectra(read, 0, size, 1, stated, np.zeros((1, 2), complex))
@@ -105,14 +125,16 @@ def _by_distances(samples: np.ndarray, stated: float, teeth: int) -> Cycle | Non
             if not 1 <= k <= FARTHEST * teeth or abs(distance / k / stated - 1) > NEAR:
                 continue
             turns = np.rint(away * k / distance)
-            fit = (turns >= 1) & (np.abs(away - turns * distance / k) < line)
+            reach = 0.3 * line + 3 * sd
+            fit = (turns >= 1) & (np.abs(away - turns * distance / k) < reach)
             weight = (turns / sd)[fit] ** 2
             cycle = float(np.sum(weight * away[fit] / turns[fit]) / weight.sum())
             off = max(abs(cycle / stated - 1), line / distance)
-            chance = 2 * k * off * (2 * line / cycle) ** (int(fit.sum()) - 1)
-            if chance < BY_CHANCE and (best is None or chance < best[0]):
-                best = chance, Cycle(cycle, float(1 / np.sqrt(weight.sum())))
-    return None if best is None else best[1]
+            others = np.sort(2 * reach[fit] / cycle)[1:]
+            chance = 2 * k * off * float(np.prod(np.minimum(others, 1.0)))
+            if chance < BY_CHANCE and (best is None or chance < best.chance):
+                best = Apart(chance, Cycle(cycle, float(1 / np.sqrt(weight.sum()))), tones[0].frequency, line)
+    return best
 
 
 def _multiples(frequency: np.ndarray, line: float) -> bool:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from millcal.numerics.tones import Tone, folded
+from millcal.numerics.tones import STANDS_OUT, Tone, folded
 from millcal.stages.judge.alternation import SMALL, Alternation, reading
 from millcal.stages.judge.remains import Remains
 
@@ -23,6 +23,7 @@ COMPANY = 0.003  # of its power, from which a tone a tooth passing away is one
 BROAD = 0.5  # share of a hump from which it is chatter that wanders
 DOUBTFUL_HUMP = 0.2
 FEWEST_REVOLUTIONS = 8  # for a verdict of what is not there
+ALONE = 1e3  # times the least that would be seen: a line without overtones then is none of teeth at another speed
 MOST_OF_IT = 0.5  # share of the power of a tone that is told from fewer
 BESIDE = (
     1.2  # lines from a harmonic of the teeth, within which a tone without company may be that harmonic come and gone
@@ -110,6 +111,7 @@ def judged(
             share *= thirds[2] ** 2 / mean_square
     several = company(found.family, passing, size) if found.family else 0
     needed = WITH_MUCH if several >= MUCH else WITH_COMPANY if several else SURE
+    few = revolutions < FEWEST_REVOLUTIONS
     if found.family and share >= needed and not several and not follows:
         f, k = found.family[0].frequency, round(found.family[0].frequency / passing)
         if k and abs(f / (k * passing) - 1) < NEAR:
@@ -117,9 +119,8 @@ def judged(
                 f"one line stands out alone, at {f * rate:.5g} Hz, and nothing shows the speed so well that it could be told "
                 f"from harmonic {k} of the tooth passing; record a pulse per revolution, or less noise"
             )
-    if found.family and share >= needed and not several and not follows:
+    if found.family and share >= needed and not several and not follows and not (_without_overtones(found) and not few):
         return _unknown(_comb_of_another_speed(found.family, teeth, size, rate, cycle))
-    few = revolutions < FEWEST_REVOLUTIONS
     if found.family and share >= needed and not several:
         f, k = found.family[0].frequency, round(found.family[0].frequency / passing)
         if k and abs(f - k * passing) * size < BESIDE:
@@ -127,6 +128,12 @@ def judged(
                 f"a line at {f * rate:.5g} Hz stands so near harmonic {k} of the tooth passing that so short a record does not "
                 "tell whether it is one of its own; record more turns, without entry and exit"
             )
+    if found.family and share >= needed and found.folded_from is not None:
+        f = found.family[0].frequency
+        return _unknown(
+            f"the line at {f * rate:.5g} Hz is where a harmonic of the tooth passing, at {found.folded_from:.5g} Hz, comes back "
+            f"from above half the sample rate: sample faster, or behind an anti-aliasing filter"
+        )
     if found.family and few and (share < MOST_OF_IT or found.family[0].frequency < cycle):
         needed = np.inf
     if found.family and share >= needed:
@@ -206,6 +213,22 @@ def judged(
     elif found.family and found.share >= WITH_COMPANY:
         why += f"; a line at {found.family[0].frequency * rate:.5g} Hz dies away"
     return Finding("stable", why, 1, [], share, False)
+
+
+def _without_overtones(found: Remains) -> bool:
+    """Whether the strongest line stands far above the least that would be seen, and nothing is at its multiples or fractions: a cut
+    that breaks off has overtones.
+    """
+    first, size = found.family[0], found.spectra.size
+    least = 2 * STANDS_OUT * float(np.median(found.spectra.power[0])) / size
+    related = [m / n for n in (1, 2, 3) for m in (1, 2, 3, 4, 6) if m != n]
+    alone = all(
+        abs(tone.frequency - ratio * first.frequency) * size > 1.0
+        for tone in found.tones
+        if tone is not first
+        for ratio in related
+    )
+    return found.share >= MOST_OF_IT and first.power > ALONE * least and alone
 
 
 def _comb_of_another_speed(family: list[Tone], teeth: int, size: int, rate: float, cycle: float) -> str:

@@ -366,3 +366,86 @@ def test_no_tool_chatters_where_a_fast_recorder_folds():
     assert fast.verdict == "chatter"
     assert all(peak.alias_of is None for peak in fast.peaks)
     assert "alias" not in codes(fast)
+
+
+def test_tones_whole_turns_apart_tell_the_speed_that_no_harmonic_shows():
+    """Heavy chatter with nothing of the harmonics above the noise, but what the cut modulates it by."""
+    recording = cut(
+        [(1261.7, 1.0), (1261.7 + SPINDLE, 0.06), (1261.7 + 4 * SPINDLE, 0.05)], noise=0.05, stated=1.002 * SPINDLE
+    )
+    quiet = cut(noise=0.0).samples[0]
+    found = judge_cut(replace(recording, samples=recording.samples - quiet))
+    assert (found.verdict, found.period) == ("chatter", None), found.why
+    assert found.chatter_frequency == pytest.approx(1261.7, abs=0.1)
+    assert found.spindle_frequency == pytest.approx(SPINDLE, rel=2e-4)
+
+
+def test_one_line_far_above_the_noise_without_overtones_is_chatter_though_nothing_follows_the_spindle():
+    quiet = cut(noise=0.0).samples[0]
+    for lines, verdict in (([(2338.1, 1.0)], "chatter"), ([(2338.1, 1.0), (4676.2, 0.1)], "not known")):
+        recording = cut(lines, noise=0.01)
+        found = judge_cut(replace(recording, samples=recording.samples - quiet))
+        assert found.verdict == verdict, found.why
+        assert "not-synchronous" in codes(found)
+
+
+def test_chatter_that_a_speed_nearby_would_make_a_harmonic_does_not_draw_the_speed():
+    """At a speed 0.9 % lower the strongest line would be harmonic 15; its distances say otherwise."""
+    passing = 4 * SPINDLE
+    f = 15 * SPINDLE * 0.9912
+    lines = [(f + k * passing, a) for k, a in ((0, 3.0), (1, 0.5), (-1, 0.5), (2, 0.1), (-2, 0.1))]
+    lines += [(f + k * SPINDLE, 0.2) for k in (-1, 1)]
+    recording = cut(lines, noise=0.3, seconds=0.6, runout=0.0)
+    weak = cut(noise=0.0, seconds=0.6, runout=0.0).samples[0]
+    found = judge_cut(replace(recording, samples=recording.samples - 0.97 * weak))
+    assert found.verdict == "chatter", found.why
+    assert found.chatter_frequency == pytest.approx(f, abs=1.0)
+    assert found.spindle_frequency == pytest.approx(SPINDLE, rel=1e-3)
+
+
+def test_a_large_harmonic_that_comes_back_folded_is_not_called_chatter():
+    """Two thousand turns a second fold harmonic 15 of the teeth, on a mode above half the sample rate, into the middle."""
+    above = 18 * 4 * SPINDLE
+    assert above > RATE / 2
+    found = judge_cut(cut([(RATE - above, 2.0)], runout=0.0))
+    assert found.verdict == "not known"
+    assert "comes back from above half the sample rate" in found.why
+    assert judge_cut(cut([(RATE - above + 60.0, 2.0)], runout=0.0)).verdict == "chatter"
+
+
+def test_chatter_at_a_multiple_of_50_hz_is_no_hum_where_the_mains_do_not_hum():
+    assert judge_cut(cut(company(650.0, 0.35), runout=0.0)).verdict == "chatter"
+    hum = [(50.0 * k, 0.2 / k) for k in (1, 3, 5, 9)]
+    assert judge_cut(cut(hum, runout=0.0)).verdict == "stable"
+
+
+def test_drift_of_a_short_record_is_no_chatter():
+    recording = cut(seconds=0.25)
+    time = np.arange(recording.samples.shape[1]) / RATE
+    found = judge_cut(replace(recording, samples=recording.samples + 20 * time + 60 * time**2))
+    assert found.verdict == "stable", found.why
+
+
+def test_chatter_without_order_is_seen_though_it_hides_its_own_surroundings():
+    rng = np.random.default_rng(4)
+    recording = cut(runout=0.0, seconds=1.5)
+    n = recording.samples.shape[1]
+    frequency = np.fft.rfftfreq(n, 1 / RATE)
+    hump = np.exp(-0.5 * ((frequency - 1650.0) / 120.0) ** 2) * np.fft.rfft(rng.normal(size=n))
+    wild = np.fft.irfft(hump, n)
+    found = judge_cut(replace(recording, samples=recording.samples + 2.0 * wild / wild.std()))
+    assert found.verdict == "chatter", found.why
+    assert found.chatter_frequency == pytest.approx(1650.0, abs=150.0)
+
+
+def test_fewer_than_three_samples_per_tooth_are_judged_and_two_are_refused():
+    assert judge_cut(cut(teeth=6, spindle=400.3, rate=6400.0, seconds=1.0)).verdict == "stable"
+    with pytest.raises(RecordingError, match="do not show the tooth passing"):
+        judge_cut(cut(teeth=6, spindle=400.3, rate=4900.0))
+
+
+@pytest.mark.parametrize("turns", [4, 6])
+def test_fewer_than_eight_turns_never_claim_what_a_ringing_may_be(turns):
+    ringing = [(1290.0, 0.6)]
+    found = judge_cut(cut(ringing, seconds=turns / SPINDLE, envelope=lambda t: np.exp(-30 * t)))
+    assert found.verdict == "not known", found.why
