@@ -25,7 +25,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from millcal.physics.stability.cut_period import STRAIGHT, _only_direction, delays_of, lagrange, pieces_of, pitches_of
+from millcal.physics.stability.cut_period import (
+    STRAIGHT,
+    _only_direction,
+    delays_of,
+    lagrange,
+    pieces_of,
+    pitches_of,
+    unit_gauss,
+)
 from millcal.physics.stability.regeneration import Regeneration, TipModes
 
 if TYPE_CHECKING:
@@ -56,13 +64,13 @@ def _tables() -> "kernel.Tables":
     parts: tuple[list[np.ndarray], ...] = ([], [], [], [])  # nodes, their barycentric weights, fine nodes, weights
     node_at, fine_at, weight_at = (np.zeros(HIGHEST + 1, np.int64) for _ in range(3))
     for n in range(3, HIGHEST + 1):
-        x, w = _gauss(n)
+        x, w = unit_gauss(n)
         node_at[n], fine_at[n], weight_at[n] = (sum(map(len, parts[k])) for k in (0, 2, 3))
         parts[0].append(x)
         parts[1].append((-1.0) ** np.arange(n) * np.sqrt((1 - (2 * x - 1) ** 2) * w))
-        response = _gauss(n + FINE)[0]
+        response = unit_gauss(n + FINE)[0]
         parts[2].append(response)
-        inner, inner_weight = _gauss(n + FINE // 2)
+        inner, inner_weight = unit_gauss(n + FINE // 2)
         ends = np.append(x, 1.0)
         reach = np.multiply.outer(ends, inner)
         force = lagrange(x, reach.ravel()).reshape(n + 1, len(inner), n)
@@ -70,11 +78,6 @@ def _tables() -> "kernel.Tables":
         parts[3].append(np.einsum("i,k,ikq,ikj->qij", ends, inner_weight, answer, force, optimize=True).ravel())
     node, bary, fine, weight = (np.concatenate(part) for part in parts)
     return Tables(node, bary, node_at, fine, fine_at, weight, weight_at, FINE)
-
-
-def _gauss(order: int) -> tuple[np.ndarray, np.ndarray]:
-    node, weight = np.polynomial.legendre.leggauss(order)
-    return (node + 1) / 2, weight / 2
 
 
 def repeats_of(cut: Regeneration) -> int:
@@ -219,7 +222,7 @@ class Period:
         lay, size = self.lay, len(self.cut.tip.rows)
         angle, force = [], []
         for p, n in enumerate(lay.order.tolist()):
-            node, weight = _gauss(n)
+            node, weight = unit_gauss(n)
             angle.append(lay.start[p] + lay.length[p] * node)
             force.append(pushed[lay.first[p] : lay.first[p + 1]].reshape(size, n) * (weight * lay.length[p]))
         modes = self.cut.modes

@@ -68,6 +68,7 @@ def crossings_in_columns(
     brackets = [_changes(column, depth, size, count, step), *_bulges(model, column, depth, size, count, step)]
     bracket = _Bracket(*(np.concatenate(parts) for parts in zip(*brackets, strict=True)))
     root, mu = _roots(model, bracket, tolerance)
+    bracket, root, mu = _completed(model, bracket, root, mu, len(brackets[0].column), tolerance)
     twins = bracket.pair & (mu.imag == 0)  # two real multipliers, no complex pair: the other one is to be found, too
     if twins.any():
         other = _Bracket(*(part[twins] for part in bracket))._replace(rank=bracket.rank[twins] + 1)
@@ -125,6 +126,35 @@ def _changes(column: np.ndarray, depth: np.ndarray, size: np.ndarray, count: np.
     low = step[which]
     ends = size[low, rank], size[low + 1, rank]
     return _Bracket(column[low], depth[low], depth[low + 1], rank, *ends, rank + 1 < more[which])
+
+
+def _completed(
+    model: Model, bracket: _Bracket, root: np.ndarray, mu: np.ndarray, changes: int, tolerance: float
+) -> tuple[_Bracket, np.ndarray, np.ndarray]:
+    """With what hides behind a pair: a pair changes the count by two, so that an odd change has a real multiplier beside it.
+
+    A flip that comes back and a pair that leaves between two samples are a pocket, of which the count alone shows the pair.
+
+    changes : so many of the brackets, the first ones, are changes of the count   returns brackets, depths, multipliers
+    """
+    odd = np.flatnonzero(~bracket.pair[:changes] & (mu.imag[:changes] != 0))
+    if not len(odd):
+        return bracket, root, mu
+    column = np.repeat(bracket.column[odd], 4)
+    depth = np.stack([bracket.low, root * (1 - BESIDE), root * (1 + BESIDE), bracket.high], axis=1)[odd]
+    fits = np.repeat((depth[:, 1] > depth[:, 0]) & (depth[:, 2] < depth[:, 3]), 2)
+    size = _log(model(column, depth.ravel()))
+    step = (4 * np.arange(len(odd))[:, np.newaxis] + [0, 2]).ravel()[fits]
+    beside = _changes(column, depth.ravel(), size, np.sum(size > 0, axis=1), step)
+    again, mu_again = _roots(model, beside, tolerance)
+    # what else changes in such a step is found anew
+    others = np.zeros(len(root), bool)
+    for i in odd:
+        others[:changes] |= (bracket.column[:changes] == bracket.column[i]) & (bracket.low[:changes] == bracket.low[i])
+    others[odd] = False
+    kept = _Bracket(*(part[~others] for part in bracket))
+    whole = _Bracket(*(np.concatenate(parts) for parts in zip(kept, beside, strict=True)))
+    return whole, np.concatenate([root[~others], again]), np.concatenate([mu[~others], mu_again])
 
 
 def _bulges(

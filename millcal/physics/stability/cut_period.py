@@ -52,7 +52,7 @@ def gauss_table(order: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     With h the gap from node i - 1 (from 0) to node i, the integral over it of g(x_i - t) l_j(t) is the sum over k of
     weight[i, k, j] g(h (1 - u_k)); the last i leads to the end of the piece.   returns (n,), (q,), (n + 1, q, n)
     """
-    node, inner, inner_weight = _unit_gauss(order)[0], *_unit_gauss(INNER)
+    node, inner, inner_weight = unit_gauss(order)[0], *unit_gauss(INNER)
     gap = np.diff(node, prepend=0.0, append=1.0)
     at = np.append(0.0, node)[:, np.newaxis] + gap[:, np.newaxis] * inner
     weight = lagrange(node, at.ravel()).reshape(*at.shape, order)
@@ -62,16 +62,16 @@ def gauss_table(order: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return node, inner, weight
 
 
-def _unit_gauss(order: int) -> tuple[np.ndarray, np.ndarray]:
+@lru_cache(maxsize=256)
+def unit_gauss(order: int) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss nodes on 0..1 and their weights.   returns (n,), (n,)"""
     node, weight = np.polynomial.legendre.leggauss(order)
     return (node + 1) / 2, weight / 2
 
 
 def lagrange(node: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Lagrange polynomials of Gauss nodes, barycentric.   node : (n,) on 0..1   at : (m,)   returns (m, n)"""
-    x = 2 * node - 1
-    _, weight = np.polynomial.legendre.leggauss(len(node))
-    barycentric = (-1.0) ** np.arange(len(node)) * np.sqrt((1 - x**2) * weight)
+    barycentric = (-1.0) ** np.arange(len(node)) * np.sqrt(node * (1 - node) * unit_gauss(len(node))[1])
     gap = at[:, np.newaxis] - node
     there = np.abs(gap) < 1e-15
     terms = barycentric / np.where(there, 1.0, gap)

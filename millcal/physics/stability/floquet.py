@@ -47,6 +47,7 @@ from millcal.physics.stability.regeneration import (
 
 TOLERANCE = 1e-4  # of |mu|
 HIGHEST_ORDER = 200
+WOUND = 8  # samples of a column, at least, while the edge winds from one tooth to the next
 
 
 def order_of(
@@ -242,6 +243,7 @@ def boundary(
     order: int | None = None,
     tolerance: float = TOLERANCE,
     depth_tolerance: float = 1e-9,
+    heard: bool = True,
     progress: Callable[[float], None] | None = None,
 ) -> Crossings:
     """All crossings of the unit circle up to a depth, column by column (`columns`); the crossings of every multiplier.
@@ -250,7 +252,8 @@ def boundary(
     pocket between two samples that no bulge betrays is missed; `all_crossings` does not scan. Where a period multiplies waves by a
     million, to the end of the column, no further crossings are told.
 
-    spindle_speed : (s,) rad/s   deepest : m   depths : samples of a column   depth_tolerance : m
+    spindle_speed : (s,) rad/s   deepest : m   depths : samples of a column, with a helix more if it winds far
+    depth_tolerance : m   heard : whether to find the chatter frequencies, else nan
     """
     from millcal.physics.stability.columns import crossings_in_columns
 
@@ -263,7 +266,10 @@ def boundary(
     else:
         known = (np.empty(0, int), np.empty(0)) if cut.wind else _flips(speed, tip, cut, deepest, orders)
         model = _Multipliers(speed, orders, tip, cut, progress)
+    depths = max(depths, math.ceil(WOUND * deepest * abs(cut.wind) * cut.teeth / (2 * math.pi)))
     found = crossings_in_columns(model, len(speed), deepest, depths, known, depth_tolerance)
+    if not heard:
+        return Crossings(found.column, found.depth, found.kind, np.full(len(found.depth), np.nan), found.loses)
     if isinstance(model, by_pieces.Columns):
         frequency = model.frequencies(found.column, found.depth, found.multiplier)
         return Crossings(found.column, found.depth, found.kind, frequency, found.loses)

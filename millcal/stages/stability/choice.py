@@ -11,7 +11,6 @@ import numpy as np
 
 from millcal.data import Frf, Modes, Notice
 from millcal.errors import IllPosedError
-from millcal.physics.stability.stable_depths import edge_table
 from millcal.stages.stability.method import Asked, Method, Progress
 from millcal.stages.stability.methods import METHODS, OF_MODES
 from millcal.units import to_shop
@@ -39,7 +38,7 @@ def method_for(
         rival = None
     lost = _left_out(asked)
     if rival is None:
-        return first, _unchecked(asked) if not lost else lost
+        return first, lost or _unchecked(asked)
     if method is None and lost:
         what = f"{rival.name} is taken: {'; '.join(notice.message for notice in lost)}"
         return rival, [Notice("method", what, "stability.method", "note")]
@@ -57,9 +56,9 @@ def method_for(
     i = int(np.argmax(deeper))
     many = np.count_nonzero(worse)
     found = (
-        f"the zero-order limit, made of the mean force, is up to {deeper[i]:.2g} times too deep: at {to_shop(speeds[i], 'x_rpm'):.0f} rpm "
-        f"it says {to_shop(promised[i], 'x_mm'):.3g} mm and {rival.name} {to_shop(true[i], 'x_mm'):.3g} mm, and at {many} of "
-        f"{len(speeds)} speeds it is more than {TOO_DEEP:.0%} too deep"
+        f"the zero-order limit, made of the mean force, is up to {deeper[i]:.2g} times too deep: at "
+        f"{to_shop(speeds[i], 'x_rpm'):.0f} rpm it says {to_shop(promised[i], 'x_mm'):.3g} mm and {rival.name} "
+        f"{to_shop(true[i], 'x_mm'):.3g} mm, and at {many} of {len(speeds)} speeds it is more than {TOO_DEEP:.0%} too deep"
     )
     if method is None:
         return rival, [Notice("method", f"{rival.name} is taken, since {found}", "stability.method", "note")]
@@ -79,10 +78,7 @@ def _rival(dynamics: Frf | Modes, modes: Modes | None, asked: Asked) -> Method |
 def _limits(methods: Sequence[Method], speeds: np.ndarray, asked: Asked, progress: Progress) -> list[np.ndarray]:
     """The first limit of each method, none deeper than all of them look.   returns (speed,) m each"""
     deepest = min(method.deepest for method in methods)
-    return [
-        np.minimum(edge_table(method.solve(speeds, asked.cut, progress).edges, len(speeds))[:, 0], deepest)
-        for method in methods
-    ]
+    return [np.minimum(method.table(speeds, asked.cut, progress)[:, 0], deepest) for method in methods]
 
 
 def _left_out(asked: Asked) -> list[Notice]:

@@ -7,7 +7,7 @@ import numpy as np
 from millcal.data import CutTests, Frf, Modes, Notice, SimulatedCuts
 from millcal.errors import IllPosedError
 from millcal.physics.stability.regeneration import Regeneration
-from millcal.physics.stability.stable_depths import edge_table, is_stable
+from millcal.physics.stability.stable_depths import is_stable
 from millcal.stages.stability.method import Asked, Method, Progress
 from millcal.stages.stability.modes import poles_of_modes
 from millcal.units import to_shop
@@ -44,7 +44,7 @@ def held_against(
     if not chosen.refine[0]:  # a method too dear for speeds of their own
         at = speeds[np.argmin(np.abs(speeds - at[:, np.newaxis]), axis=1)]
     own, where = np.unique(at, return_inverse=True)
-    table = edge_table(chosen.solve(own, cut, lambda share: None).edges, len(own))[where]
+    table = chosen.table(own, cut)[where]
     mapped = is_stable(table, depth)
     by_map[here] = mapped
     held = replace(tests, stable_by_map=by_map)

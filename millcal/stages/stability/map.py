@@ -169,7 +169,7 @@ def map_stability(
     table = edge_table(solution.edges, points)
 
     def edges_at(some: np.ndarray) -> np.ndarray:
-        return edge_table(chosen.solve(some, cut, lambda share: None).edges, len(some))
+        return chosen.table(some, cut)
 
     tops = pockets(lambda some: edges_at(some)[:, 0], speeds, table[:, 0], chosen.deepest, chosen.refine)
     extra = np.concatenate([around(tops, low, high), marked])
@@ -360,7 +360,7 @@ def _known_past(nominal: np.ndarray, speeds: np.ndarray, further: Method, cut: R
     without = np.flatnonzero(np.isinf(nominal[:, 0]))
     if not len(without):
         return nominal
-    past = edge_table(further.solve(speeds[without], cut, lambda share: None).edges, len(without))
+    past = further.table(speeds[without], cut)
     both = _stacked(nominal, past)
     both[without] = both[len(nominal) :]
     return both[: len(nominal)]
@@ -400,7 +400,7 @@ def _operating(
             tried.append((f"a helix of {np.degrees(HELIX):.0f} deg", wound))
         found = []
         for what, other in tried:
-            depth = edge_table(chosen.solve(near, other, lambda share: None).edges, NEAR)[:, 0]
+            depth = chosen.table(near, other)[:, 0]
             found.append((what, float(depth.min())))
         return sorted(found, key=lambda one: -one[1])
 

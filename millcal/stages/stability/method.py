@@ -12,6 +12,7 @@ import numpy as np
 
 from millcal.data import Notice, SimulatedCuts
 from millcal.physics.stability.regeneration import Crossings, Regeneration
+from millcal.physics.stability.stable_depths import edge_table
 
 Progress = Callable[[float], None]  # share done
 
@@ -61,6 +62,7 @@ class Method:
     solve: Solve
     deepest: float  # m: how deep it looks
     minimum: Callable[[Regeneration], tuple[float, float]] | None = None  # over every speed: depth m, frequency Hz
+    outline: Solve | None = None  # `solve` without the chatter frequencies, where these cost time
     with_noise: Solve | None = None  # `solve`, and the noise of the lines
     refine: tuple[int, int] = (3, 21)  # rounds, and speeds in each, with which a pocket is looked at again
     ratios: int = 2  # K_rc / K_tc at which draws of coefficients are solved,
@@ -72,3 +74,7 @@ class Method:
     further: Callable[[float], "Method"] | None = None  # the same, to look down to another depth, m
     told: Callable[[np.ndarray, Solution, np.random.Generator | None], list[Notice]] | None = None  # of the whole map
     notices: tuple[Notice, ...] = ()
+
+    def table(self, speeds: np.ndarray, cut: Regeneration, progress: Progress = lambda share: None) -> np.ndarray:
+        """Edges of the stable set.   speeds : (speed,) rad/s   returns (speed, edge) m"""
+        return edge_table((self.outline or self.solve)(speeds, cut, progress).edges, len(speeds))

@@ -30,12 +30,13 @@ FLOQUET_RATIOS = 13
 FRF_RATIOS = 4
 STRUCTURES = 1000  # draws of fitted modes, at most: of zoa, and of floquet where one mode moves,
 FLOQUET_STRUCTURES = 200  # where several do,
-SLOW_STRUCTURES = 60  # and with a helix or unequal pitch
-SKETCH = {"depths": 12, "tolerance": 1e-3, "depth_tolerance": 1e-6}  # of `boundary`, for draws that spread much wider
+SLOW_STRUCTURES = 39  # and with a helix or unequal pitch
+# of `boundary`, for draws that spread much wider
+SKETCH = {"depths": 12, "tolerance": 1e-3, "depth_tolerance": 1e-6, "heard": False}
 BAND_SPEEDS = 120  # speeds of the band of the slower methods,
 FRF_SPEEDS = 60  # of frf,
 DRAWN_SPEEDS = 80  # where every draw is another structure,
-SLOW_SPEEDS = 40  # and with a helix or unequal pitch
+SLOW_SPEEDS = 16  # and with a helix or unequal pitch
 LOOKED = 200  # speeds at which zoa is asked how deep to look
 DEEPER = 1.25  # times the deepest pockets of zoa
 OVER_MINIMUM = 12.0  # times its lowest limit, at most,
@@ -108,6 +109,10 @@ def floquet(dynamics: Frf | Modes, asked: Asked) -> Method:
         found = physics.boundary(speeds, poles.tip, cut, deepest=deepest, progress=progress)
         return Solution(found, edges_of(found, complete=True))
 
+    def outline(speeds: np.ndarray, cut: Regeneration, progress: Progress) -> Solution:
+        found = physics.boundary(speeds, poles.tip, cut, deepest=deepest, heard=False, progress=progress)
+        return Solution(found, edges_of(found, complete=True))
+
     straight = asked.cut.equal_pitch and not asked.cut.wind and not asked.cut.indentation
     one_mode = straight and one_direction.common_direction([poles.tip]) is not None
 
@@ -137,6 +142,7 @@ def floquet(dynamics: Frf | Modes, asked: Asked) -> Method:
     return Method(
         name="floquet",
         solve=solve,
+        outline=outline,
         deepest=deepest,
         refine=(1, 7) if slow else (2, 9),
         ratios=3 if slow else FLOQUET_RATIOS,

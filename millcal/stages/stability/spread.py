@@ -27,7 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from millcal.physics.stability.regeneration import Regeneration
-from millcal.physics.stability.stable_depths import edge_table, stable_share
+from millcal.physics.stability.stable_depths import stable_share
 from millcal.stages.stability.method import Method, Sampling
 
 PAST = 1.5  # times the deepest depth of the map: so far the draws are followed
@@ -193,8 +193,7 @@ def _by_nodes(method: Method, cut: Regeneration, sampling: Sampling) -> np.ndarr
     tables = []
     for ktc in strengths:
         for node in ratios:
-            solution = method.solve(sampling.speeds, cut.with_force(float(ktc), float(ktc * node)), step)
-            tables.append(edge_table(solution.edges, len(sampling.speeds)))
+            tables.append(method.table(sampling.speeds, cut.with_force(float(ktc), float(ktc * node)), step))
             done = len(tables) / (len(ratios) * len(strengths))
     scaled = 1 / joined(tables)  # and over K_tc: 1 / f
     scaled = scaled.reshape(len(strengths), len(ratios), *scaled.shape[1:]) / strengths[:, None, None, None]
