@@ -32,6 +32,7 @@ def summarise_stability(found: StabilityMap) -> dict[str, Any]:
         "minimum": {
             "ap_mm": shop(found.absolute_minimum, "ap_mm"),
             "chatter_hz": known(found.absolute_minimum_frequency),
+            **_speed_of_minimum(found),
         },
         "best": [_best(best) for best in found.best],
         "operating_point": None if found.operating is None else _operating(found.operating),
@@ -48,6 +49,12 @@ def summarise_stability(found: StabilityMap) -> dict[str, Any]:
     if found.simulated is not None:
         told["simulated"] = _simulated(found.simulated)
     return told
+
+
+def _speed_of_minimum(found: StabilityMap) -> dict[str, float]:
+    """Where the smallest limit lies; nothing where that is of no one speed, as that of zero order."""
+    speed = found.absolute_minimum_speed
+    return {"rpm": shop(speed, "x_rpm")} if np.isfinite(speed) else {}
 
 
 def compared(maps: Sequence[StabilityMap], speeds: Sequence[float]) -> dict[str, Any]:

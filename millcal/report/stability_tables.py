@@ -1,4 +1,4 @@
-"""The tables of a stability map: what it was made for, its limits at round speeds, the best speeds, the methods side by side."""
+"""The tables of a stability map: what it was made for, its limits, the best speeds, the methods side by side."""
 
 from collections.abc import Sequence
 from math import inf
@@ -28,6 +28,8 @@ def map_facts(map_: StabilityMap) -> list[tuple[str, str]]:
     """What the map was made for, as pairs of what and how much."""
     width = "slot" if map_.direction == "slot" else f"{nominal(map_.radial_depth * 1e3)} mm, {map_.direction} milling"
     smallest = "none found" if map_.absolute_minimum == inf else f"{significant(map_.absolute_minimum * 1e3)} mm"
+    if np.isfinite(map_.absolute_minimum_speed):
+        smallest += f" at {fixed(_rpm(map_.absolute_minimum_speed), 0)} rpm"
     if np.isfinite(map_.absolute_minimum_frequency):
         smallest += f", chatter at {significant(map_.absolute_minimum_frequency, 4)} Hz"
     facts = [
@@ -82,6 +84,7 @@ def best_speeds(map_: StabilityMap) -> Table | None:
         )
     if drive:
         note += f" Torque and power are means over a revolution at the {'safe depth' if banded else 'limit'}."
+    note += " Depths are the least within 0.5 % of the speed."
     if near:
         note += f" ± rpm: so far off, either way, nine tenths of the {'safe depth' if banded else 'limit'} still hold."
     return Table("Best speeds", headings, rows, note=note) if rows else None
@@ -103,7 +106,7 @@ def round_columns(map_: StabilityMap) -> list[int]:
 
 
 def limits(map_: StabilityMap) -> Table | None:
-    """The limit at round speeds, how stability is lost there, and where it comes back."""
+    """The limit at the speeds of the map nearest to round ones, how stability is lost there, and where it comes back."""
     chosen = round_columns(map_)
     stretches = stable_stretches(map_)
     banded = map_.limit_low is not None and map_.limit_high is not None
@@ -128,7 +131,7 @@ def limits(map_: StabilityMap) -> Table | None:
         rows, headings, words = [row[:-1] for row in rows], headings[:-1], words[:1]
     note = "Hopf: chatter between the tooth passings. Flip: every second tooth cuts alike, at half the tooth passing."
     note = note if any("flip" in row for row in rows) else ""
-    return Table("Limits at round speeds", headings, rows, words=words, note=note) if rows else None
+    return Table("Limits at speeds of the map", headings, rows, words=words, note=note) if rows else None
 
 
 def _depth(map_: StabilityMap, depth: float) -> str:
@@ -146,7 +149,7 @@ def _again(stretches: Sequence[Stretch]) -> str:
 
 
 def methods_compared(maps: Sequence[StabilityMap]) -> Table | None:
-    """The first limit by every method at round speeds, each from the column of its own map that lies nearest."""
+    """The first limit by every method at speeds of the first map, each from the column of its own map that lies nearest."""
     if len(maps) < 2:
         return None
     rows = []

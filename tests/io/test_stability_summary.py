@@ -45,6 +45,8 @@ def test_a_map_lists_the_crossings_of_each_speed_and_none_where_there_is_no_limi
     assert told["best"][0]["mrr_cm3_per_min"] is None
     assert told["best"][0]["p_stable"] is None
     assert told["minimum"] == {"ap_mm": 1.0, "chatter_hz": 810.0}
+    placed = summarise(zoa_map(absolute_minimum_speed=4500 * RPM))["minimum"]
+    assert placed == {"ap_mm": 1.0, "chatter_hz": 810.0, "rpm": pytest.approx(4500)}
     assert told["deepest_mm"] is None
 
 

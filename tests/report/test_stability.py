@@ -271,6 +271,24 @@ def test_best_speeds_say_how_far_off_they_may_be():
     assert table.headings[2] == "± rpm"
     assert [row[2] for row in table.rows] == ["390", "below 1"]
     assert "nine tenths of the limit" in table.note
+    assert "the least within 0.5 % of the speed" in table.note
+
+
+def test_the_smallest_limit_is_told_with_its_speed_where_it_has_one():
+    told = {speed: dict(map_facts(replace(stability_maps.with_islands(), absolute_minimum_speed=speed)))
+            for speed in (8123 * RPM, np.nan)}  # fmt: skip
+    assert " mm at 8123 rpm, chatter at " in told[8123 * RPM]["smallest limit"]
+    assert "rpm" not in list(told.values())[1]["smallest limit"]
+
+
+def test_a_limit_stands_beside_the_speed_at_which_it_was_found():
+    """Four hundred speeds do not fall on round ones."""
+    map_ = stability_maps.with_islands(points=400)
+    table = limits(map_)
+    assert "round" not in table.title
+    own = {f"{speed / RPM:.0f}": depth * 1e3 for speed, depth in zip(map_.spindle_speed, map_.limit_depth, strict=True)}
+    assert any(int(row[0]) % 100 for row in table.rows)
+    assert all(row[1] == f"{own[row[0]]:.2f}" for row in table.rows if not row[1].startswith(">"))
 
 
 def test_simulated_cuts_that_differ_from_the_map_are_ringed_and_counted():
