@@ -22,6 +22,7 @@ from millcal.numerics import spectra
 from millcal.numerics.straighten import straightened
 from millcal.stages.judge.alternation import Alternation, alternation, expected_chips
 from millcal.stages.judge.answer import answer
+from millcal.stages.judge.other_comb import other_comb, told_comb
 from millcal.stages.judge.remains import Remains, course, falls_off, look
 from millcal.stages.judge.signal import (
     cutting_stretch,
@@ -145,6 +146,15 @@ def judge_cut(
     differs = alternation(found.harmonics, found.noise, drive)
     feed = None if recording.conditions is None else recording.conditions.feed_per_tooth
     expected = 0.0 if no_runout else None if differs is None else expected_chips(recording.cutter, feed, differs.step)
+    other = None
+    if not recording.rows_of("pulse"):
+        other = other_comb(found.tones, found.power, found.spectra.size, cycle.cycle, teeth)
+    if other is not None and follows:  # else said before
+        note(
+            "not-synchronous",
+            f"most of the signal follows a spindle or teeth at {other.fundamental * rate:.5g} Hz and not the stated speed; is it the "
+            "speed of this cut?",
+        )
     verdict = judged(
         found,
         teeth=drive,
@@ -160,6 +170,7 @@ def judge_cut(
         expected=expected,
         by_force=recording.channels[found.row].quantity == "force",
         swing=_swing(recording, found, differs, feed),
+        other=None if other is None else told_comb(other, teeth, rate, cycle.cycle),
     )
     order = np.arange(len(found.harmonics))
     kept = np.zeros(len(order), bool)

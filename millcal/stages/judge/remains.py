@@ -33,7 +33,9 @@ BLOCKS = 12
 BROAD_BANDS = 64  # of the spectrum, in which a hump too wide for a line is looked for
 FLOOR = 0.25  # quantile of them that is taken for noise
 HUMP, FOOT = 100.0, 10.0  # a band over it, from which it is the top of a hump, and of its foot
-SURELY_FOLDED = 0.1  # probability that a tone lies so by chance, up to which a large one is taken for a folded harmonic
+SURELY_FOLDED = (
+    0.03  # probability that a tone lies so by chance, up to which a large one is taken for a folded harmonic
+)
 
 
 class Remains(NamedTuple):

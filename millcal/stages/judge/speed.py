@@ -28,8 +28,8 @@ PULSE_SCATTER = 0.05  # of a revolution
 TONES, SMALLEST = 10, 1e-4  # whose distances are looked at, and their power over that of the strongest
 FARTHEST = 4  # tooth passings from it
 BY_CHANCE = 0.04  # probability at which tones lie so, up to which they tell a speed
-SURELY = 1e-3  # and up to which they are believed against harmonics
-MANY_SEEN = 12  # harmonics that are believed all the same
+SURELY = 1e-4  # and up to which they are believed against harmonics
+MANY_SEEN, OF_TEETH = 12, 5  # harmonics, of the spindle or of the teeth, that are believed all the same
 
 
 def refined_cycle(
@@ -41,7 +41,8 @@ def refined_cycle(
     """
     by_comb, seen = _by_harmonics(samples, stated, teeth)
     follows = _follows(seen, teeth)
-    apart = _by_distances(samples, stated, teeth) if len(seen) < MANY_SEEN else None
+    many = len(seen) >= MANY_SEEN or sum(k % teeth == 0 for k in seen) >= OF_TEETH
+    apart = None if many and follows else _by_distances(samples, stated, teeth)
     if apart is not None and (not follows or (apart.chance < SURELY and apart.leaves(by_comb.cycle))):
         by_comb, follows = (
             apart.cycle,

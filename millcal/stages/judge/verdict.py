@@ -92,6 +92,7 @@ def judged(
     expected: float | None,
     by_force: bool,
     swing: float | None,
+    other: str | None = None,
 ) -> Finding:
     """The verdict on one channel.
 
@@ -101,7 +102,10 @@ def judged(
     expected : by how much chips alternate by a runout that was measured, 0 where there is none; None: not known
     by_force : the channel is a force, whose tooth passing edge forces and teeth in cut may hide
     swing : rms of the lines in which teeth differ over the feed per tooth, of a motion of the tip; None: not known
+    other : what to say of the teeth at another speed, where the lines that remain are theirs
     """
+    if other is not None:
+        return _unknown(other)
     size, passing = found.spectra.size, teeth * cycle
     share = found.share
     if len(amplitudes) and found.family:
