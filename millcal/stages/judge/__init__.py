@@ -152,7 +152,7 @@ def judge_cut(
     if other is not None and follows:  # else said before
         note(
             "not-synchronous",
-            f"most of the signal follows a spindle or teeth at {other.fundamental * rate:.5g} Hz and not the stated speed; is it the "
+            f"most of the signal repeats with {other.fundamental * rate:.5g} Hz and not with the stated speed; is it the "
             "speed of this cut?",
         )
     verdict = judged(

@@ -449,3 +449,20 @@ def test_fewer_than_eight_turns_never_claim_what_a_ringing_may_be(turns):
     ringing = [(1290.0, 0.6)]
     found = judge_cut(cut(ringing, seconds=turns / SPINDLE, envelope=lambda t: np.exp(-30 * t)))
     assert found.verdict == "not known", found.why
+
+
+@pytest.mark.parametrize("stated", [9000.0, 9500.0, 12000.0, 12500.0])
+def test_the_teeth_at_another_speed_are_no_chatter_though_some_harmonics_agree(stated):
+    """At 9000 rpm eleven turns are nine of the true 11 000."""
+    found = judge_cut(cut(teeth=1, spindle=11_000 / 60, seconds=0.7, stated=stated / 60))
+    assert found.verdict == "not known"
+    assert "11000 rpm" in found.why
+    assert "not-synchronous" in codes(found)
+
+
+@pytest.mark.parametrize("teeth", [1, 3])
+def test_lines_of_a_flip_are_a_comb_of_this_speed(teeth):
+    passing = teeth * SPINDLE
+    lines = [((m + 0.5) * passing, 2.0 / (1 + abs(m - 4))) for m in range(9)]
+    found = judge_cut(cut(lines, teeth=teeth, runout=0.0, seconds=1.0))
+    assert (found.verdict, found.period) == ("period-n", 2), found.why
