@@ -784,7 +784,7 @@ class Judgement(Record):
     revolutions: int
     verdict: Literal["stable", "period-n", "chatter", "not known"]
     why: str  # one sentence
-    period: int | None = None  # teeth after which the motion repeats; 1 stable; None: never
+    period: int | None = None  # teeth (`per`) after which the motion repeats; 1 stable; None: never
     metric: float | None = (
         None  # M, SI of the channel: mean change between samples once per tooth, worst sampling phase
     )
@@ -802,5 +802,15 @@ class Judgement(Record):
     overview_time: np.ndarray = array("s", "overview")  # the whole record, thinned to envelopes
     overview_low: np.ndarray = array("SI of the channel", "overview")
     overview_high: np.ndarray = array("SI of the channel", "overview")
+    per: Literal["tooth", "revolution"] = (
+        "tooth"  # what period and M count: turns, where the teeth are not evenly pitched
+    )
     conditions: CuttingConditions | None = None
     notices: tuple[Notice, ...] = ()
+
+    def speeds_near(self) -> tuple[float, ...]:
+        """The stable speeds within a factor of two of the cut's own, the nearest first; where none is, the nearest.   rad/s"""
+        own = 2 * np.pi * self.spindle_frequency
+        away = {speed: abs(float(np.log(speed / own))) for speed in self.stable_speeds}
+        nearest = sorted(away, key=lambda speed: away[speed])
+        return tuple(speed for speed in nearest if away[speed] <= np.log(2.0)) or tuple(nearest[:1])

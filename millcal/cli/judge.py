@@ -9,6 +9,7 @@ from millcal.cli.cut_input import for_each
 from millcal.cli.speak import Json, NoSeed, Quiet, check_files, pairs, progress_bar, reply
 
 FIGURES = (".png", ".svg", ".pdf", ".html")
+PARTLY_DONE = 4  # exit code of a batch
 
 
 def judge(
@@ -70,9 +71,10 @@ def judge(
     number = len(recordings)
     speeds, depths = for_each(rpm, number, "--rpm"), for_each(axial_depth_mm, number, "--axial-depth-mm")
     for option, values in (("--rpm", rpm), ("--axial-depth-mm", axial_depth_mm)):
-        if values and min(values) <= 0:
-            raise typer.BadParameter("is above zero", param_hint=option)
-    if steady is not None and not 0 <= steady[0] < steady[1]:
+        if values and not all(0 < value < float("inf") for value in values):
+            raise typer.BadParameter("is above zero and finite", param_hint=option)
+    _check_no_values(recordings, {"--rpm": rpm, "--axial-depth-mm": axial_depth_mm})
+    if steady is not None and not 0 <= steady[0] < steady[1] < float("inf"):
         raise typer.BadParameter(f"{steady[0]:g} to {steady[1]:g} is no stretch", param_hint="--steady")
     if figure is not None and figure.suffix.lower() not in FIGURES:
         raise typer.BadParameter(
@@ -92,18 +94,19 @@ def judge(
 
     stated = {"map": pairs(maps, "--map"), "units": pairs(units, "--unit"), "rate_hz": rate_hz}
     found, deep, notices = [], [], []
+    used: list[Path] = []
+    refused: dict[str, str] = {}
     with progress_bar(quiet) as progress:
         known = _modes(modes, setup)
         for i, path in enumerate(recordings):
             progress(i / number, path.name)
-            cut = _cut(path, setup, speeds[i], depths[i], **stated)
-            notices += cut.recording.notices
-            if cut.recording.kind == "impact":
-                notices.append(Notice("impact-test", "is an impact test and no cut; it is left out", str(path)))
-                continue
-            deep.append(cut.depth)
-            found.append(
-                judge_cut(
+            try:
+                cut = _cut(path, setup, speeds[i], depths[i], **stated)
+                if cut.recording.kind == "impact":
+                    notices.append(Notice("impact-test", "is an impact test and no cut; it is left out", str(path)))
+                    used.append(path)
+                    continue
+                judgement = judge_cut(
                     cut.recording,
                     channel=channel,
                     teeth=teeth,
@@ -112,14 +115,25 @@ def judge(
                     modes=known,
                     no_runout=cut.no_runout,
                 )
-            )
-            notices += found[-1].notices
+            except RecordingError as problem:
+                if number == 1:
+                    raise
+                refused[str(path)] = " ".join(str(problem).split())
+                continue
+            notices += [*cut.recording.notices, *judgement.notices]
+            found.append(judgement)
+            deep.append(cut.depth)
+            used.append(path)
+    for problem in refused.values():
+        typer.echo(f"error: {problem}", err=True)
+    if not found and refused:
+        raise typer.Exit(3)
     if not found:
         raise RecordingError(f"{recordings[0]}: is an impact test and no cut; give recordings of cuts")
     if log is not None:
         _check_log(found, deep)
 
-    origin = provenance([path for path in (*recordings, setup, modes) if path is not None], seed=seed)
+    origin = provenance([path for path in (*used, setup, modes) if path is not None], seed=seed)
     written: dict[str, str] = {}
     if output is not None:
         if number == 1:
@@ -135,6 +149,8 @@ def judge(
             temporary.write_bytes(content)
         written["figure"] = str(figure)
     told = summarise(found[0]) if number == 1 else {"cuts": [summarise(cut) for cut in found]}
+    if refused:
+        told["refused"] = [{"recording": path, "why": why} for path, why in refused.items()]
     text = judgement_text(found[0]) if number == 1 else judgements_text(found, deep)
     reply(
         "judge",
@@ -145,6 +161,23 @@ def judge(
         as_json=as_json,
         quiet=quiet,
     )
+    if refused:
+        raise typer.Exit(PARTLY_DONE)
+
+
+def _check_no_values(recordings: list[Path], options: dict[str, list[float] | None]) -> None:
+    """Refuse a number among the recordings that was meant for an option: each takes one value."""
+    for path in recordings:
+        try:
+            float(path.name)
+        except ValueError:
+            continue
+        given = [option for option, values in options.items() if values]
+        if given and not path.exists():
+            raise typer.BadParameter(
+                f"takes one value each time; {path} is taken for a recording: write {given[0]} once for each value",
+                param_hint=" or ".join(given),
+            )
 
 
 def _drawn(found: list[Any], format: str, origin: dict[str, Any]) -> bytes:

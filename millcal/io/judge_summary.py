@@ -13,9 +13,10 @@ from millcal.units import to_shop
 
 LOG = ("rpm", "axial_depth_mm", "radial_depth_mm", "feed_per_tooth_mm", "direction", "stable", "M_um", "chatter_hz")
 STABLE = {"stable": "1", "period-n": "0", "chatter": "0", "not known": ""}
+BEAT = {"tooth": "tooth", "revolution": "turn"}
 PEAKS_SHOWN = 6
 SPEEDS_SHOWN = 6
-FASTEST = 6.0  # times the cut's own speed, of those shown
+TOLD = ("alias",)  # codes of notes that a reader of the frequency needs beside it
 
 
 def summarise_judgement(found: Judgement) -> dict[str, Any]:
@@ -26,6 +27,7 @@ def summarise_judgement(found: Judgement) -> dict[str, Any]:
         "verdict": found.verdict,
         "why": found.why,
         "period": found.period,
+        "per": found.per,
         "M_um": shop(found.metric, "M_um") if found.quantity == "displacement" else None,
         "chatter_hz": known(found.chatter_frequency),
         "chatter_sd_hz": known(found.chatter_frequency_sd),
@@ -97,14 +99,14 @@ def judgement_text(found: Judgement) -> str:
         lines.append(
             f"chatter frequency {found.chatter_frequency:.5g}{spread} Hz, {found.chatter_share:.0%} of the power"
         )
-    if s["stable_rpm"]:
-        within = [rpm for rpm in s["stable_rpm"] if rpm <= FASTEST * s["spindle_speed_rpm"]] or s["stable_rpm"][-1:]
-        speeds = ", ".join(f"{rpm:.0f}" for rpm in within[:SPEEDS_SHOWN])
-        lines.append(f"speeds it points to: {speeds} rpm")
+    if found.stable_speeds:
+        speeds = ", ".join(f"{to_shop(speed, 'x_rpm'):.0f}" for speed in found.speeds_near()[:SPEEDS_SHOWN])
+        lines.append(f"speeds it points to, the nearest first: {speeds} rpm")
+    lines += [f"note: {notice.message}" for notice in found.notices if notice.code in TOLD and notice.level == "note"]
     unit = "um" if found.quantity == "displacement" else found.unit
     metric = s["M_um"] if found.quantity == "displacement" else s["metric"]["value"]
     lines.append(
-        f"M {cell(metric)} {unit} from tooth to tooth, {s['metric']['relative']:.2f} of the rms"
+        f"M {cell(metric)} {unit} from {BEAT[found.per]} to {BEAT[found.per]}, {s['metric']['relative']:.2f} of the rms"
         if metric is not None and s["metric"]["relative"] is not None
         else "M is not known"
     )
@@ -122,9 +124,10 @@ def judgements_text(found: Sequence[Judgement], depths: Sequence[float | None]) 
     for cut, depth in zip(found, depths, strict=True):
         s = summarise_judgement(cut)
         deep = None if depth is None else to_shop(depth, "_mm")
-        rows.append(
-            (cut.name, f"{s['spindle_speed_rpm']:.0f}", deep, cut.verdict, cut.period, s["M_um"], s["chatter_hz"])
-        )
+        period = f"{cut.period} turns" if cut.per == "revolution" and (cut.period or 1) > 1 else cut.period
+        rows.append((cut.name, f"{s['spindle_speed_rpm']:.0f}", deep, cut.verdict, period, s["M_um"], s["chatter_hz"]))
     header = ("recording", "rpm", "depth mm", "verdict", "period", "M um", "chatter Hz")
     unknown = [f"{cut.name}: {cut.why}" for cut in found if cut.verdict == "not known"]
-    return "\n".join([table(header, rows), *(["", "not known:", *unknown] if unknown else [])])
+    noted = [f"{cut.name}: {n.message}" for cut in found for n in cut.notices if n.code in TOLD and n.level == "note"]
+    more = [line for title, told in (("not known:", unknown), ("notes:", noted)) if told for line in ("", title, *told)]
+    return "\n".join([table(header, rows), *more])

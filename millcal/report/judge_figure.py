@@ -9,6 +9,7 @@ from millcal.report.digits import significant
 from millcal.report.figures import ENVELOPE, POINTS, Column, Figure, envelope
 from millcal.report.wording import time_unit
 
+BEAT = {"tooth": "tooth", "revolution": "turn"}
 SYMBOLS = {
     "displacement": ("x", "µm", 1e6),
     "acceleration": ("a", "m/s²", 1.0),
@@ -98,17 +99,18 @@ def spectrum(found: Judgement) -> Figure:
 
 
 def once_per_tooth(found: Judgement) -> Figure:
-    """The motion once per tooth against time, and each against the one before."""
+    """The motion once per tooth, or per turn, against time, and each against the one before."""
+    beat = BEAT[found.per]
     letter, unit, factor = SYMBOLS[found.quantity]
     value, time = factor * found.once_per_tooth, found.sample_time
     scale, word = time_unit(float(time[-1]) if len(time) else 1.0)
     reach = span_of(value)
     dots: list[Item] = [Marks(time / scale, value, "sampled", "dot", size=1.6)]
     over = chart(
-        [Panel(f"{letter} once per tooth, {unit}", dots, 190, reach)],
+        [Panel(f"{letter} once per {beat}, {unit}", dots, 190, reach)],
         x_label=f"time, {word}",
         x_range=(float(time[0]) / scale, float(time[-1]) / scale),
-        label=f"{found.channel} sampled once per tooth against time",
+        label=f"{found.channel} sampled once per {beat} against time",
         frame=HALF,
     )
     pairs: list[Item] = [
@@ -116,18 +118,20 @@ def once_per_tooth(found: Judgement) -> Figure:
         Marks(value[:-1], value[1:], "sampled", "dot", size=1.6),
     ]
     back = chart(
-        [Panel(f"next tooth, {unit}", pairs, 190, reach)],
-        x_label=f"this tooth, {unit}",
+        [Panel(f"next {beat}, {unit}", pairs, 190, reach)],
+        x_label=f"this {beat}, {unit}",
         x_range=reach,
-        label=f"{found.channel} at each tooth against the tooth before",
+        label=f"{found.channel} at each {beat} against the {beat} before",
         frame=HALF,
     )
-    columns = [Column("time", "s", time), Column(f"{letter} once per tooth", unit, value)]
+    columns = [Column("time", "s", time), Column(f"{letter} once per {beat}", unit, value)]
     caption = (
         "A cut that repeats with every tooth is a point; runout makes as many points as there are teeth, a motion of period "
         "n makes n, and chatter a closed curve."
+        if found.per == "tooth"
+        else "A cut that repeats with every turn is a point, a motion of period n makes n, and chatter a closed curve."
     )
-    return Figure("judge-teeth", "Once per tooth", caption, (over, back), columns, (), "halves")
+    return Figure("judge-teeth", f"Once per {beat}", caption, (over, back), columns, (), "halves")
 
 
 def overview(found: Judgement) -> Figure:

@@ -12,7 +12,6 @@ from millcal.units import to_shop
 
 LEVELS = {"stable": "good", "period-n": "bad", "chatter": "bad", "not known": "none"}
 MOST = 6  # cuts that are drawn
-FASTEST = 6.0  # times the cut's own speed, of those named
 
 
 def verdicts(found: Sequence[Judgement]) -> list[Verdict]:
@@ -54,12 +53,13 @@ def _facts(cut: Judgement) -> list[tuple[str, str]]:
         ),
         ("judged", f"{cut.revolutions} turns from {cut.steady[0]:.4g} to {cut.steady[1]:.4g} s"),
     ]
+    beat = judge_figure.BEAT[cut.per]
     if cut.metric is not None:
-        known.append(("M, change from tooth to tooth", f"{significant(factor * cut.metric, 3)} {unit}"))
+        known.append((f"M, change from {beat} to {beat}", f"{significant(factor * cut.metric, 3)} {unit}"))
     if cut.chatter_frequency is not None:
         known.append(("chatter frequency", f"{cut.chatter_frequency:.5g} Hz, {cut.chatter_share:.0%} of the power"))
-    rpm = [to_shop(speed, "spindle_speed_rpm") for speed in cut.stable_speeds]
-    speeds = [f"{speed:.0f}" for speed in rpm if speed <= FASTEST * 60 * cut.spindle_frequency]
+    speeds = [f"{to_shop(speed, 'spindle_speed_rpm'):.0f}" for speed in cut.speeds_near()]
     if speeds:
-        known.append(("speeds it points to", f"{', '.join(speeds[:6])} rpm"))
+        known.append(("speeds it points to, the nearest first", f"{', '.join(speeds[:6])} rpm"))
+    known += [("note", notice.message) for notice in cut.notices if notice.code == "alias" and notice.level == "note"]
     return known

@@ -1,6 +1,7 @@
 """`millcal judge`: what it says, writes and refuses."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -72,7 +73,10 @@ def test_a_reader_sees_the_verdict_first(run):
     assert code == 0
     assert out.startswith("chatter: ")
     assert "871" in out
-    assert "speeds it points to" in out
+    near = re.search(r"speeds it points to, the nearest first: (.*) rpm", out)
+    assert near is not None
+    assert [float(rpm) for rpm in near[1].split(", ")] == pytest.approx([5807, 4355, 8710, 3484, 2903], abs=2)
+    assert "note: the noise does not fall off" in out  # the line may be an alias
     assert err == ""
 
 
@@ -140,6 +144,10 @@ def test_modes_say_what_the_sample_rate_cannot_show(run, tmp_path):
         (["bad.h5", "good.h5", "--figure", "a.png"], 2, "one recording"),
         (["bad.h5", "--figure", "a.bmp"], 2, "format"),
         (["bad.h5", "--steady", "0.5", "0.2"], 2, "no stretch"),
+        (["bad.h5", "--steady", "0", "inf"], 2, "no stretch"),
+        (["bad.h5", "--axial-depth-mm", "inf", "--log", "a.csv"], 2, "finite"),
+        (["bad.h5", "--rpm", "nan"], 2, "finite"),
+        (["bad.h5", "good.h5", "--rpm", "5700", "5800"], 2, "--rpm once for each"),
         (["bad.h5", "-o", "bad.h5"], 2, "written over"),
         (["mute.h5", "--teeth", "3", "--rpm", "5700", "--log", "a.csv"], 3, "axial depth"),
         (["nowhere.h5"], 3, "nowhere.h5"),
@@ -222,3 +230,34 @@ def test_a_runout_stated_as_none_is_not_a_runout_unsaid(run, tmp_path, key, verd
     (tmp_path / "setup.toml").write_text(f"[cutter]\ndiameter_mm = 12\nteeth = 2\n{key}\n")
     code, out, _ = run("two.h5", "--setup", "setup.toml", "--rpm", 60 * SPINDLE, "--json")
     assert (code, json.loads(out)["result"]["verdict"]) == (0, verdict)
+
+
+def test_a_bad_file_among_cuts_costs_its_own_line_and_no_other(run, tmp_path):
+    (tmp_path / "broken.csv").write_text("")
+    code, out, err = run("good.h5", "broken.csv", "bad.h5", "nowhere.h5", "--log", "cuts.csv", "--json")
+    told = json.loads(out)
+    assert code == 4
+    assert [cut["verdict"] for cut in told["result"]["cuts"]] == ["stable", "chatter"]
+    assert [cut["recording"] for cut in told["result"]["refused"]] == ["broken.csv", "nowhere.h5"]
+    assert set(told["inputs"]) == {"good.h5", "bad.h5"}
+    assert [cut.stable for cut in read_cuts_log(tmp_path / "cuts.csv")] == [True, False]
+    errors = [line for line in err.splitlines() if line.startswith("error: ")]
+    assert [line.split(":")[1].strip() for line in errors] == ["broken.csv", "nowhere.h5"]
+    code, out, err = run("broken.csv", "nowhere.h5", "--log", "none.csv")
+    assert (code, out, len(err.splitlines())) == (3, "", 2)
+    assert not (tmp_path / "none.csv").exists()
+
+
+def test_what_repeats_with_the_turn_is_told_in_turns(run, tmp_path):
+    (tmp_path / "uneven.toml").write_text(
+        "[cutter]\ndiameter_mm = 12\nteeth = 3\npitch_deg = [110, 120, 130]\n[conditions]\nspindle_speed_rpm = 5700\n"
+    )
+    code, out, _ = run("mute.h5", "--setup", "uneven.toml", "-o", "turns.h5", "--figure", "turns.html")
+    assert code == 0
+    assert "from turn to turn" in out
+    assert "whole turns apart" in out
+    assert "tooth to tooth" not in out
+    assert read_result(tmp_path / "turns.h5", Judgement).per == "revolution"
+    assert "Once per turn" in (tmp_path / "turns.html").read_text(encoding="utf-8")
+    even = json.loads(run("mute.h5", "--setup", "uneven.toml", "--teeth", 2, "--json")[1])["result"]
+    assert even["per"] == "tooth"  # a pitch of three teeth says nothing of two

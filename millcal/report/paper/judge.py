@@ -6,7 +6,7 @@ import numpy as np
 
 from millcal.data import Judgement
 from millcal.report.charts import span_of, thin
-from millcal.report.judge_figure import SYMBOLS, amplitude_range, highest_drawn, marked_lines
+from millcal.report.judge_figure import BEAT, SYMBOLS, amplitude_range, highest_drawn, marked_lines
 from millcal.report.paper import sheet
 from millcal.report.wording import time_unit
 
@@ -29,8 +29,9 @@ def judgement_sheet(found: Judgement) -> Any:
     _teeth(found, lower[0, 1], lower[0, 2], entries)
     period = f", period {found.period}" if found.verdict == "period-n" else ""
     at = f", {found.chatter_frequency:.5g} Hz" if found.chatter_frequency is not None else ""
+    beat = BEAT[found.per]
     panels = [upper[0, 0], *lower[0]]
-    sheet.letters(panels, [f"{found.verdict}{period}{at}", "record", "once per tooth", "tooth by tooth"])
+    sheet.letters(panels, [f"{found.verdict}{period}{at}", "record", f"once per {beat}", f"{beat} by {beat}"])
     sheet.legend(figure, [(handle, name) for name, handle in entries.items()], columns=4)
     return figure
 
@@ -85,6 +86,6 @@ def _teeth(found: Judgement, over: Any, back: Any, entries: dict[str, Any]) -> N
     sheet.scale(over, "x", ends if ends[1] > ends[0] else (ends[0], ends[0] + 1), label=f"time ({word})", most=4)
     sheet.scale(over, "y", reach, label=f"${letter}$ ({unit})", most=4)
     back.plot(reach, reach, color=sheet.MUTED, linewidth=0.6, linestyle=":")
-    (entries["once per tooth"],) = back.plot(value[:-1], value[1:], "o", **dots)
-    sheet.scale(back, "x", reach, label=f"this tooth ({unit})", most=4)
-    sheet.scale(back, "y", reach, label=f"next tooth ({unit})", most=4)
+    (entries[f"once per {BEAT[found.per]}"],) = back.plot(value[:-1], value[1:], "o", **dots)
+    sheet.scale(back, "x", reach, label=f"this {BEAT[found.per]} ({unit})", most=4)
+    sheet.scale(back, "y", reach, label=f"next {BEAT[found.per]} ({unit})", most=4)

@@ -12,6 +12,7 @@ flip, and how they lie to the tooth passing).
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -133,7 +134,10 @@ def judge_cut(
             )
     loudest = max(one.followed for one in looks) or 1.0
     found = max(looks, key=lambda one: _told_share(one, teeth * cycle.cycle) + 1e-6 * one.followed / loudest)
-    drive = 1 if recording.cutter is not None and _uneven(recording.cutter.pitch) else teeth
+    cutter = recording.cutter
+    if cutter is not None and cutter.teeth != teeth:  # stated otherwise: its pitch is then of another cutter
+        cutter = replace(cutter, teeth=teeth, pitch=None)
+    drive = 1 if cutter is not None and _uneven(cutter.pitch) and teeth > 1 else teeth
     note_clipping(
         recorded[rows.index(found.row)],
         recording.channels[found.row].full_scale,
@@ -145,7 +149,7 @@ def judge_cut(
     plain = once_per_tooth(found.signal, found.rest, found.harmonics, cycle.cycle, drive, kept=np.arange(0))
     differs = alternation(found.harmonics, found.noise, drive)
     feed = None if recording.conditions is None else recording.conditions.feed_per_tooth
-    expected = 0.0 if no_runout else None if differs is None else expected_chips(recording.cutter, feed, differs.step)
+    expected = 0.0 if no_runout else None if differs is None else expected_chips(cutter, feed, differs.step)
     other = None
     if not recording.rows_of("pulse"):
         other = other_comb(found.tones, found.power, found.spectra.size, cycle.cycle, teeth)
@@ -170,6 +174,7 @@ def judge_cut(
         expected=expected,
         by_force=recording.channels[found.row].quantity == "force",
         swing=_swing(recording, found, differs, feed),
+        by_turns=drive != teeth,
         other=None if other is None else told_comb(other, teeth, rate, cycle.cycle),
     )
     order = np.arange(len(found.harmonics))

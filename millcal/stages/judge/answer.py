@@ -82,6 +82,7 @@ def answer(
         overview_time=survey.time / rate,
         overview_low=survey.low[own],
         overview_high=survey.high[own],
+        per="tooth" if drive == teeth else "revolution",
         conditions=recording.conditions,
         notices=notices,
     )

@@ -16,7 +16,8 @@ TONES, SMALLEST = 12, 1e-3  # that are compared, and their power over that of th
 FEWEST = 5
 HIGHEST_ORDER = 30  # of the strongest
 LINES_APART = 6.0  # lines of the spectrum at least from one to the next
-BY_CHANCE = 1e-6  # probability that tones lie so
+BY_CHANCE = 1e-7  # probability that tones lie so
+FAR = 3.0  # times the stated speed, or slower: so far off nobody states one
 MOST_BESIDE = 0.01  # of their power in others
 MOST_OF_IT = 0.5  # of all power in them
 LONGEST_PERIOD = 8  # turns after which a motion of this speed may repeat
@@ -46,8 +47,10 @@ def other_comb(tones: list[Tone], power: float, size: int, cycle: float, teeth: 
     reach = 0.3 / size + 3 * np.array([tone.deviation for tone in compared])
     for first in range(1, HIGHEST_ORDER + 1):
         base = float(f[0]) / first
-        if base * size < LINES_APART:
+        if base * size < LINES_APART or base < cycle / FAR:
             break
+        if base > FAR * teeth * cycle:
+            continue
         fits = np.abs(folded(f, base)) < reach + reach[0] * f / f[0]
         if fits.sum() < FEWEST:
             continue

@@ -36,6 +36,7 @@ MOST_TOLD = 100.0  # beyond, the tooth passing is nearly silent
 STRAY = 3.0  # times the power of the tooth passing, in one harmonic of the spindle alone
 DIES = 0.3
 HIGHEST = 12_000.0  # Hz: no tool chatters above it
+WORDS = {False: ("the tooth passing", "a tooth passing", "teeth"), True: ("the spindle", "whole turns", "turns")}
 
 
 class Finding(NamedTuple):
@@ -92,6 +93,7 @@ def judged(
     expected: float | None,
     by_force: bool,
     swing: float | None,
+    by_turns: bool = False,
     other: str | None = None,
 ) -> Finding:
     """The verdict on one channel.
@@ -102,11 +104,13 @@ def judged(
     expected : by how much chips alternate by a runout that was measured, 0 where there is none; None: not known
     by_force : the channel is a force, whose tooth passing edge forces and teeth in cut may hide
     swing : rms of the lines in which teeth differ over the feed per tooth, of a motion of the tip; None: not known
+    by_turns : the teeth are not evenly pitched, and `teeth` is 1 for what repeats with the turn
     other : what to say of the teeth at another speed, where the lines that remain are theirs
     """
     if other is not None:
         return _unknown(other)
     size, passing = found.spectra.size, teeth * cycle
+    driven, away, beats = WORDS[by_turns]
     share = found.share
     if len(amplitudes) and found.family:
         mean_square = float(np.mean(amplitudes**2))
@@ -121,7 +125,7 @@ def judged(
         if k and abs(f / (k * passing) - 1) < NEAR:
             return _unknown(
                 f"one line stands out alone, at {f * rate:.5g} Hz, and nothing shows the speed so well that it could be told "
-                f"from harmonic {k} of the tooth passing; record a pulse per revolution, or less noise"
+                f"from harmonic {k} of {driven}; record a pulse per revolution, or less noise"
             )
     if found.family and share >= needed and not several and not follows and not (_without_overtones(found) and not few):
         return _unknown(_comb_of_another_speed(found.family, teeth, size, rate, cycle))
@@ -129,13 +133,13 @@ def judged(
         f, k = found.family[0].frequency, round(found.family[0].frequency / passing)
         if k and abs(f - k * passing) * size < BESIDE:
             return _unknown(
-                f"a line at {f * rate:.5g} Hz stands so near harmonic {k} of the tooth passing that so short a record does not "
+                f"a line at {f * rate:.5g} Hz stands so near harmonic {k} of {driven} that so short a record does not "
                 "tell whether it is one of its own; record more turns, without entry and exit"
             )
     if found.family and share >= needed and found.folded_from is not None:
         f = found.family[0].frequency
         return _unknown(
-            f"the line at {f * rate:.5g} Hz is where a harmonic of the tooth passing, at {found.folded_from:.5g} Hz, comes back "
+            f"the line at {f * rate:.5g} Hz is where a harmonic of {driven}, at {found.folded_from:.5g} Hz, comes back "
             f"from above half the sample rate: sample faster, or behind an anti-aliasing filter"
         )
     if found.family and few and (share < MOST_OF_IT or found.family[0].frequency < cycle):
@@ -144,12 +148,12 @@ def judged(
         tone = found.family[0]
         f = tone.frequency * rate
         period = rational_period(tone, passing, size, changes)
-        beside = f" with {several} more a tooth passing apart" if several else ""
+        beside = f" with {several} more {away} apart" if several else ""
         course = _course(amplitudes)
         if period is not None:
             return Finding(
                 "period-n",
-                f"a line at {f:.5g} Hz{beside} holds {share:.0%} of the power and the motion repeats every {period} teeth"
+                f"a line at {f:.5g} Hz{beside} holds {share:.0%} of the power and the motion repeats every {period} {beats}"
                 + (": a flip" if period == 2 else "") + course,
                 period, found.family, found.share, False,
             )  # fmt: skip
@@ -180,8 +184,8 @@ def judged(
         )
     if found.family and share >= WITH_COMPANY:
         return _unknown(
-            f"a line at {found.family[0].frequency * rate:.5g} Hz holds {share:.1%} of the power and has no company a tooth "
-            "passing away: chatter that begins, or another machine; an air cut would tell"
+            f"a line at {found.family[0].frequency * rate:.5g} Hz holds {share:.1%} of the power and has no company {away} "
+            "away: chatter that begins, or another machine; an air cut would tell"
         )
     if found.hump_share >= DOUBTFUL_HUMP:
         return _unknown(
@@ -211,7 +215,7 @@ def judged(
         )
     if found.family and several and share >= WEAK:
         why += (
-            f"; one at {found.family[0].frequency * rate:.5g} Hz with {several} more a tooth passing apart holds "
+            f"; one at {found.family[0].frequency * rate:.5g} Hz with {several} more {away} apart holds "
             f"{share:.2%} of the power, as chatter begins: watch it"
         )
     elif found.family and found.share >= WITH_COMPANY:
