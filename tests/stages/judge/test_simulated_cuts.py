@@ -1,8 +1,9 @@
 """Cuts simulated in the time domain are judged as they are: rates over teeth, immersion, runout, noise and sensors.
 
 A motion that comes back every turn but alternates from tooth to tooth may be strong runout near a resonance or a flip, and
-passes from the one to the other without a step; there `not known` is right as well. The full grid is marked long and prints
-its table (pytest -s).
+passes from the one to the other without a step; there `not known` is right as well. So the rates that are held are those of
+cuts that are plainly stable or chatter, where `not known` is a failure and a wrong verdict a worse one; the others are held by
+themselves. The full grid is marked long and prints its table (pytest -s).
 """
 
 from collections import Counter
@@ -19,6 +20,7 @@ RIGHT = {
     "alternates": {"period-n", "chatter", "not known"},
     "unclear": {"stable", "not known", "period-n"},
 }
+PLAIN = ("stable", "chatter")
 SPEEDS = (2500.0, 18000.0)  # rpm
 
 
@@ -78,15 +80,23 @@ def table(found):
     return "\n".join(lines)
 
 
-def share(found, truth=None):
-    of = [verdict in RIGHT[t] for t, _, verdict in found if truth in (None, t)]
-    return float(np.mean(of)) if of else 1.0
+def share(found, *truths):
+    """Of the cuts that are so, how many are judged right."""
+    of = [verdict in RIGHT[truth] for truth, _, verdict in found if truth in truths]
+    assert of, f"none of the cuts is {' or '.join(truths)}"
+    return float(np.mean(of))
+
+
+def wrong(found):
+    """Of the cuts that are plainly stable or chatter, how many are called the other."""
+    return float(np.mean([v not in RIGHT[t] and v != "not known" for t, _, v in found if t in PLAIN]))
 
 
 def test_simulated_cuts_are_judged_right():
     found, off = verdicts(np.random.default_rng(17), 14)
-    assert len({truth for truth, _, _ in found}) >= 2
-    assert share(found) >= 0.85, table(found)  # 14 cuts: one that nobody can tell costs 7 %
+    for truth in PLAIN:
+        assert share(found, truth) >= 0.85, table(found)  # few cuts: one that nobody can tell costs much
+    assert wrong(found) <= 0.05, table(found)
     assert np.mean(np.abs(off) < 3e-3) >= 0.9
 
 
@@ -94,8 +104,13 @@ def test_simulated_cuts_are_judged_right():
 def test_of_simulated_cuts_at_least_95_percent_are_judged_right():
     found, off = verdicts(np.random.default_rng(23), 400)
     print("\n" + table(found))
-    print(f"all {share(found):.1%}; chatter frequency of displacements within 0.3 %: {np.mean(np.abs(off) < 3e-3):.1%}")
-    assert share(found) >= 0.95, table(found)
-    assert share(found, "chatter") >= 0.93
+    print(
+        f"plainly stable or chatter {share(found, *PLAIN):.1%} right, {wrong(found):.1%} wrong; chatter frequency of displacements "
+        f"within 0.3 %: {np.mean(np.abs(off) < 3e-3):.1%}"
+    )
+    assert share(found, *PLAIN) >= 0.96, table(found)
+    assert wrong(found) <= 0.005, table(found)
+    assert share(found, "chatter") >= 0.95
     assert share(found, "stable") >= 0.95
+    assert share(found, "alternates") >= 0.6
     assert np.mean(np.abs(off) < 3e-3) >= 0.95
