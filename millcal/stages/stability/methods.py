@@ -15,6 +15,7 @@ import numpy as np
 from millcal.data import Frf, Modes, Notice
 from millcal.errors import IllPosedError
 from millcal.physics.stability import zero_order
+from millcal.physics.stability.moved_limits import moved_limits
 from millcal.physics.stability.regeneration import HOPF, Crossings, Regeneration
 from millcal.physics.stability.stable_depths import edge_table, edges_of
 from millcal.physics.stability.zero_order_draws import limits_of_draws
@@ -30,7 +31,7 @@ FLOQUET_RATIOS = 13
 FRF_RATIOS = 4
 STRUCTURES = 1000  # draws of fitted modes, at most: of zoa, and of floquet where one mode moves,
 FLOQUET_STRUCTURES = 200  # where several do,
-SLOW_STRUCTURES = 39  # and with a helix or unequal pitch
+SLOW_STRUCTURES = 60  # and with a helix or unequal pitch
 # of `boundary`, for draws that spread much wider
 SKETCH = {"depths": 12, "tolerance": 1e-3, "depth_tolerance": 1e-6, "heard": False}
 BAND_SPEEDS = 120  # speeds of the band of the slower methods,
@@ -128,6 +129,15 @@ def floquet(dynamics: Frf | Modes, asked: Asked) -> Method:
             return one_direction.stable_edges(
                 sampling.speeds, tips, asked.cut, forces, deepest=deepest, progress=sampling.progress
             )
+        if slow:  # the edges above go with the first
+            known = edge_table(outline(sampling.speeds, asked.cut, lambda share: None).edges, len(sampling.speeds))
+            cuts = [asked.cut.with_force(*force) for force in forces.tolist()]
+            others = list(zip(tips, cuts, strict=True))
+            moved = moved_limits(sampling.speeds, known[:, 0], poles.tip, asked.cut, others, sampling.progress)
+            share = np.where(np.isfinite(known[:, 0]), moved, 1.0) / np.where(
+                np.isfinite(known[:, 0]), known[:, 0], 1.0
+            )
+            return known * share[:, :, np.newaxis]
         tables = []
         for i, (tip, (ktc, krc)) in enumerate(zip(tips, forces, strict=True)):
             sampling.progress(i / len(tips))
