@@ -128,6 +128,8 @@ def judgements_text(found: Sequence[Judgement], depths: Sequence[float | None]) 
         rows.append((cut.name, f"{s['spindle_speed_rpm']:.0f}", deep, cut.verdict, period, s["M_um"], s["chatter_hz"]))
     header = ("recording", "rpm", "depth mm", "verdict", "period", "M um", "chatter Hz")
     unknown = [f"{cut.name}: {cut.why}" for cut in found if cut.verdict == "not known"]
-    noted = [f"{cut.name}: {n.message}" for cut in found for n in cut.notices if n.code in TOLD and n.level == "note"]
-    more = [line for title, told in (("not known:", unknown), ("notes:", noted)) if told for line in ("", title, *told)]
+    more = ["", "not known:", *unknown] if unknown else []
+    noted = [cut.name for cut in found if any(n.code in TOLD and n.level == "note" for n in cut.notices)]
+    if noted:
+        more += ["", f"the chatter frequency may stand for one above half the sample rate: {', '.join(noted)}"]
     return "\n".join([table(header, rows), *more])

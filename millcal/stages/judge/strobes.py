@@ -7,7 +7,7 @@ import numpy as np
 from millcal.numerics.periodicity import change, strobe
 from millcal.numerics.spectra import evaluate
 
-PHASES = 8
+PHASES = 64  # with 8 the largest change is missed by up to a fifth where teeth strike a sharp motion
 LONGEST = 8  # teeth after which a motion may repeat
 MOST = 20_000  # flashes of one phase
 MARGIN = 3  # samples at either end

@@ -40,3 +40,12 @@ def test_the_flip_of_a_single_insert_is_at_an_odd_multiple_of_half_its_speed():
     recording = read_recording(SAMPLES / "judged-cuts" / "cut-n11500-a4.h5")
     found = judge_cut(replace(recording, channels=recording.channels[:2], samples=recording.samples[:2]))
     assert found.chatter_frequency / found.spindle_frequency == pytest.approx(4.5, abs=1e-3)
+
+
+def test_the_change_from_tooth_to_tooth_is_that_of_the_worst_instant_wherever_the_cut_ends():
+    """Few flashes in a tooth miss up to a fifth of a sharp motion, and another part of it with another end."""
+    recording = read_recording(SAMPLES / "judged-cuts" / "cut-n11500-a4.h5")
+    tooth = 60 / 11507
+    ends = [0.8 - part * tooth for part in (0.0, 0.03, 0.06, 0.7)]
+    found = [judge_cut(recording, channel="disp_tipX", steady=(0.3, end)).metric for end in ends]
+    assert max(found) < 1.03 * min(found)
