@@ -47,7 +47,8 @@ def stability(
         typer.Option(
             "--method",
             help="zoa: zero-order approximation. Right in interrupted cuts, too: floquet, of modes; frf, of an FRF as measured; "
-            "time-domain, of modes, with teeth that leave the cut. Default: zoa where floquet or frf agree with it, else these.",
+            "time-domain, of modes, with teeth that leave the cut. Default: floquet of modes where it differs "
+            "from zoa, else zoa, which warns where frf differs.",
         ),
     ] = None,
     compare: Annotated[

@@ -240,8 +240,8 @@ class StabilityTable(Table):
     method: Literal["zoa", "floquet", "frf", "time-domain"] | None = Field(
         None,
         description="zoa: zero-order approximation; right in interrupted cuts too are floquet, of modes, and frf, of the FRF as "
-        "measured; time-domain: of modes, with teeth that leave the cut; when absent zoa where floquet or frf agree with it, else "
-        "these",
+        "measured; time-domain: of modes, with teeth that leave the cut; when absent floquet of modes where "
+        "it differs from zoa, else zoa",
     )
     dynamics: Literal["frf", "corrected", "modes"] | None = Field(
         None,

@@ -15,7 +15,10 @@ from millcal.stages.stability.method import Asked, Method, Progress
 from millcal.stages.stability.methods import METHODS, OF_MODES
 from millcal.units import to_shop
 
-HELD_AT = 24  # speeds at which zero order is held against its rival
+HELD_AT = 24  # speeds at which zero order is held against floquet,
+HELD_AT_BY_LINES = (
+    8  # and against frf, which takes up to a third of a second for one: a map of it is made only if asked for
+)
 TOO_DEEP = 0.2  # share by which it may promise more
 SPEEDS = 0.05  # share of speeds at which it may do worse than that, as corners of two lobes do
 ALWAYS_SMOOTH = 1.5  # teeth in cut, from which on no warning is given where nothing can be held against
@@ -44,7 +47,8 @@ def method_for(
         return rival, [Notice("method", what, "stability.method", "note")]
     # of the same dynamics, so that the two differ in method alone
     same = METHODS["zoa"](modes, asked) if rival.name in OF_MODES and dynamics is not modes else first
-    speeds = np.linspace(*asked.speeds, HELD_AT)
+    by_lines = rival.name == "frf"
+    speeds = np.linspace(*asked.speeds, HELD_AT_BY_LINES if by_lines else HELD_AT)
     try:
         promised, true = _limits((same, rival), speeds, asked, progress)
     except IllPosedError:
@@ -60,9 +64,16 @@ def method_for(
         f"{to_shop(speeds[i], 'x_rpm'):.0f} rpm it says {to_shop(promised[i], 'x_mm'):.3g} mm and {rival.name} "
         f"{to_shop(true[i], 'x_mm'):.3g} mm, and at {many} of {len(speeds)} speeds it is more than {TOO_DEEP:.0%} too deep"
     )
-    if method is None:
+    if method is None and not by_lines:
         return rival, [Notice("method", f"{rival.name} is taken, since {found}", "stability.method", "note")]
-    return first, [Notice("zoa-unsafe", f"{found}; take {rival.name}", "stability.method"), *lost]
+    return first, [
+        Notice(
+            "zoa-unsafe",
+            f"{found}; take {rival.name}{', or fit modes and take floquet' * by_lines}",
+            "stability.method",
+        ),
+        *lost,
+    ]
 
 
 def _rival(dynamics: Frf | Modes, modes: Modes | None, asked: Asked) -> Method | None:

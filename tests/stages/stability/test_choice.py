@@ -45,9 +45,11 @@ def test_zero_order_stays_where_the_force_is_its_mean(teeth):
         assert not {"method", "zoa-unsafe", "flip-lobes"} & codes(found)
 
 
-def test_an_frf_alone_is_held_against_its_own_lines_and_with_modes_against_these():
+def test_an_frf_alone_is_held_against_its_own_lines_and_warned_of_and_with_modes_these_are_taken():
     cut = {**BOTH, "radial_depth": 1.2e-3, "points": 10}
-    assert map_stability(LINES, (KTC, KRC), **cut).method == "frf"
+    alone = map_stability(LINES, (KTC, KRC), **cut)
+    assert alone.method == "zoa"
+    assert [n.level for n in alone.notices if n.code == "zoa-unsafe"] == ["warning"]
     with_modes = map_stability(LINES, (KTC, KRC), **cut, modes=TWO)
     assert with_modes.method == "floquet"
     np.testing.assert_array_equal(

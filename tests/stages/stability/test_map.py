@@ -365,7 +365,7 @@ def test_the_best_speeds_are_the_tops_of_the_pockets_ranked_by_what_may_be_run()
 def test_the_operating_point_is_surely_stable_far_below_the_limit_and_surely_not_far_above():
     probabilities, limits = [], []
     for share in (0.5, 1.0, 2.0):
-        at = map_stability(MODES, (KTC, KRC), **CUT, points=2, operating_point=(8000 * RPM, 1.0)).operating.limit
+        at = map_stability(MODES, (KTC, KRC), **CUT, points=2, operating_point=(8000 * RPM, 0.1)).operating.limit
         found = map_stability(
             MODES, posterior(), **CUT, points=2, operating_point=(8000 * RPM, share * at), rng=np.random.default_rng(0)
         )

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from millcal.data import Modes
+from millcal.errors import IllPosedError
 from millcal.stages.stability import map_stability
 
 RPM = 2 * np.pi / 60
@@ -47,7 +48,6 @@ def test_nothing_is_said_of_what_is_milled(diameter):
         ({"feed_per_tooth": 80e-3}, "stability.feed_per_tooth_mm"),
         ({"feed_per_tooth": 8e-8}, "stability.feed_per_tooth_mm"),
         ({"operating_point": (10_800 * RPM, 3.5e-6)}, "stability.axial_depth_mm"),
-        ({"operating_point": (10_800 * RPM, 3.5)}, "stability.axial_depth_mm"),
         ({"deepest": 5.0}, "stability.deepest_mm"),
         ({"diameter": 16.0, "radial_depth": 8.0}, "cutter.diameter_mm"),
         ({"spindle_speed": (8 * RPM, 11 * RPM)}, "stability.rpm"),
@@ -63,3 +63,8 @@ def test_nothing_is_said_of_what_is_milled(diameter):
 )
 def test_a_number_in_another_unit_is_told_by_its_key(changed, where):
     assert where in told(**changed)
+
+
+def test_an_operating_depth_that_no_cutter_reaches_is_refused():
+    with pytest.raises(IllPosedError, match=r"stability.axial_depth_mm: 3500 mm .* 10 diameters"):
+        told(operating_point=(10_800 * RPM, 3.5))
