@@ -227,7 +227,9 @@ def _beyond_the_band(
         elif power == -2 and share > SMALL:
             size, shape = np.linalg.eigh((term + term.T).real / 2)
             mass = (shape * np.maximum(size, 0.0)) @ shape.T  # its inverse; what would give power back is noise
-            lowest = max(fit.band[0], fit.frequency[fit.frequency > 0].min()) / BELOW
+            # where the fit is noise, a line that goes on to nought would be a soft tip, and chatter there of its own making
+            known = max(_known_from(fit, fitted.places, fitted.point).values(), default=0.0)
+            lowest = max(fit.band[0], known, fit.frequency[fit.frequency > 0].min()) / BELOW
             damped = 2 * np.pi * lowest * np.sqrt(1 - HEAVY**2)
             line = (np.array([lowest]), np.array([HEAVY]), mass[np.newaxis] / (2j * damped))
             what = (

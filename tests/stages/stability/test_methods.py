@@ -342,6 +342,17 @@ def test_an_inertia_line_becomes_a_mode_below_the_band_and_a_flexibility_stays()
     np.testing.assert_array_equal(poles.tip.flexibility, remainder[1])
 
 
+def test_an_inertia_line_where_the_fit_is_noise_makes_no_chatter_of_its_own():
+    """Taken down to 5 Hz the line is a soft tip, that chatters at some 10 Hz before any mode does."""
+    remainder = np.diag([3.0, 3.0])[np.newaxis]
+    noisy = fitted(TWO, residue=residues(TWO), remainder=remainder, powers=(-2,), band=(5.0, 2400.0), noise=1e-2)
+    slow = {**BOTH, "radial_depth": 6e-3, "spindle_speed": (2000 * RPM, 3000 * RPM), "method": "floquet", "points": 11}
+    found = map_stability(noisy, (KTC, KRC), **slow)
+    assert found.chatter_frequency.min() > 700.0
+    bare = map_stability(TWO, (KTC, KRC), **slow)
+    np.testing.assert_allclose(found.limit_depth, bare.limit_depth, rtol=0.05)
+
+
 def test_an_inertia_line_that_is_nothing_at_the_resonances_is_left_out():
     remainder = np.diag([0.02, 0.01])[np.newaxis]
     poles = poles_of_modes(fitted(TWO, residue=residues(TWO), remainder=remainder, powers=(-2,)))
