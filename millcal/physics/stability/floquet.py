@@ -71,7 +71,7 @@ def order_of(
         rpm, mm = float(speed.flat[at]) * 60 / (2 * math.pi), float(depth.flat[at]) * 1e3
         raise IllPosedError(
             f"stability.rpm: at {rpm:.0f} rpm and {mm:.3g} mm a tooth cuts through {waves.max() / 6.3:.0f} waves, too many for "
-            "floquet; begin the map at a higher speed, look less deep, or use zoa, which is good where so many lobes crowd"
+            "floquet; begin the map at a higher speed, look less deep, or take zoa, which may be too deep in an interrupted cut"
         )
     return order
 

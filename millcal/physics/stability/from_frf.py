@@ -184,7 +184,7 @@ class MeasuredCut:
             rpm = spindle_speed * 30 / np.pi
             raise IllPosedError(
                 f"a tooth at {rpm:.0f} 1/min cuts through {waves / 2 / np.pi:.0f} waves of {self.highest:.0f} Hz, more than the "
-                "cut basis holds; the zero-order limit is good there (method zoa), or begin at a higher speed"
+                "cut basis holds; begin at a higher speed, or take zoa, which in an interrupted cut may be too deep"
             )
         return order
 
