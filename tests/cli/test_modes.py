@@ -249,7 +249,8 @@ def test_modes_of_a_noisy_impact_test_give_the_limit_of_the_truth_closer_than_it
         hits_used=(1, 1), usable_band=(1.0, 6000.0),
     )  # fmt: skip
     write_result(tmp_path / "truth.h5", known, provenance={})
-    cut = ("--ktc", 700, "--krc", 200, "--teeth", 3, "--diameter-mm", 20, "--radial-depth-mm", 10, "--direction", "up")
+    cut = ("--ktc", 700, "--krc", 200, "--teeth", 3, "--diameter-mm", 20, "--radial-depth-mm", 10, "--direction", "up",
+           "--method", "zoa")  # fmt: skip
     maps = []
     for option, name in (("--modes", "modes.h5"), ("--frf", "truth.h5")):
         run(*cut, option, name, "--rpm", 2000, 12000, "-o", "map.h5", command="stability")

@@ -31,7 +31,7 @@ STAGES = {
     "stability": (
         StabilityTable,
         map_stability,
-        {"teeth", "diameter", "pitch", "helix", "runout", "edge", "tests", "rng", "progress"},
+        {"modes", "teeth", "diameter", "pitch", "helix", "runout", "edge", "tests", "rng", "progress"},
     ),
 }
 REPLACED = {"operating_speed", "axial_depth"}  # together they are the operating point

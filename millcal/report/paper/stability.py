@@ -198,7 +198,7 @@ def _tried(axes: Any, map_: StabilityMap) -> list[tuple[Any, str]]:
         if differ.any():
             n, b = rpm_of(cuts.spindle_speed[differ]), cuts.axial_depth[differ] * 1e3
             ring = {"markerfacecolor": "none", "markeredgecolor": sheet.INK, "markeredgewidth": 0.6, "markersize": 6.5}
-            told["simulated otherwise than mapped"] = axes.plot(n, b, "o", zorder=4, clip_on=False, **ring)[0]
+            told["simulated otherwise than mapped"] = axes.plot(n, b, "h", zorder=4, clip_on=False, **ring)[0]
         entries += [(marks, text) for text, marks in told.items()]
     if (tests := map_.tests) is not None:
         for stable, marker, ink, text in ((True, "o", GREEN, "stable"), (False, "x", RED, "chatter")):
@@ -257,7 +257,7 @@ def comparison(maps: Sequence[StabilityMap]) -> Any:
         kinds: dict[str, Any] = {}
         for edge in bounds(map_):
             flips = map_ is below and edge.kind == FLIP
-            own = look | ({"color": sheet.MODEL} if flips else {})
+            own = look | ({"color": sheet.MODEL, "linestyle": ":", "linewidth": 1.4} if flips else {})
             (kinds[f"{name}: {LIMITS[edge.kind]}" if map_ is below else name],) = axes.plot(
                 edge.x, np.minimum(edge.y, out_of_sight), **own
             )

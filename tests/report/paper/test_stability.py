@@ -146,5 +146,5 @@ def test_simulated_cuts_that_differ_from_the_map_have_a_ring():
     with sheet.style():
         figure = stability_map(map_)
     assert "simulated otherwise than mapped" in [text.get_text() for text in figure.legends[0].get_texts()]
-    rings = [line for line in figure.axes[0].lines if line.get_marker() == "o" and line.get_markersize() == 6.5]
+    rings = [line for line in figure.axes[0].lines if line.get_marker() == "h" and line.get_markersize() == 6.5]
     assert sum(len(line.get_xdata()) for line in rings) == 1
