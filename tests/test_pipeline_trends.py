@@ -39,6 +39,7 @@ modes = [
   {axis = "y", fn_hz = 900, zeta = 0.03, k_N_per_m = 3e7},
 ]
 [stability]
+method = "zoa"
 rpm = [4000, 12000]
 points = 20
 members = 50
@@ -110,7 +111,7 @@ def test_the_report_is_made_again_from_the_folder_alone(followed, capsys):
 def test_the_command_of_the_map_takes_a_history(followed, tmp_path, capsys):
     out, _ = followed
     files = ["--coefficients", str(out / "coefficients.h5"), "--modes", str(out / "modes.h5")]
-    conditions = ["--rpm", "4000", "12000", "--points", "20", "--members", "50"]
+    conditions = ["--method", "zoa", "--rpm", "4000", "12000", "--points", "20", "--members", "50"]
     with pytest.raises(SystemExit) as end:
         main(["stability", *files, *conditions, "--seed", "3", "-o", str(tmp_path / "map.h5")])
     assert end.value.code == 0
