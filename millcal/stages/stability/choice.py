@@ -1,8 +1,8 @@
 """Which method makes a map where nobody says: the zero-order approximation where it is right, else one that knows the whole cut.
 
 How wrong the mean of the cutting force is cannot be told from the engagement alone: with one mode and two teeth it promises ten
-times too much at three quarters of the diameter and is right to a few percent in a slot. So it is held against the rival that the
-dynamics allow, at a few speeds.
+times too much in down milling at three quarters of the diameter and is right to a few percent in a slot. So it is held against
+the rival that the dynamics allow, at a few speeds.
 """
 
 from collections.abc import Sequence

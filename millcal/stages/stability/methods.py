@@ -134,9 +134,8 @@ def floquet(dynamics: Frf | Modes, asked: Asked) -> Method:
             cuts = [asked.cut.with_force(*force) for force in forces.tolist()]
             others = list(zip(tips, cuts, strict=True))
             moved = moved_limits(sampling.speeds, known[:, 0], poles.tip, asked.cut, others, sampling.progress)
-            share = np.where(np.isfinite(known[:, 0]), moved, 1.0) / np.where(
-                np.isfinite(known[:, 0]), known[:, 0], 1.0
-            )
+            none = np.isinf(known[:, 0])
+            share = np.where(none, 1.0, moved) / np.where(none, 1.0, known[:, 0])
             return known * share[:, :, np.newaxis]
         tables = []
         for i, (tip, (ktc, krc)) in enumerate(zip(tips, forces, strict=True)):
